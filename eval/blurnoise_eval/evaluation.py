@@ -27,21 +27,21 @@ from blurnoise_eval.grid.axes import AXES, named
 from blurnoise_eval.grid.conditions import Part, SweepPlan
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, Tables, read_run, write_tables
+from blurnoise_eval.run import computing as sweep
+from blurnoise_eval.run.computing import Outcome
+from blurnoise_eval.run.contract_checks import contracts_chosen
+from blurnoise_eval.run.engines import Engine, engine_facts, engine_of, staying
+from blurnoise_eval.run.exposing import check_plan
+from blurnoise_eval.run.identity import begun_or_gone, note_models, open_run
+from blurnoise_eval.run.pictures import RunPictures
+from blurnoise_eval.run.refining import refined
+from blurnoise_eval.run.run import ENOUGH, Run
+from blurnoise_eval.run.score_tables import cluster_of_run, criterion_of
+from blurnoise_eval.run.work import count_cells
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.contract_checks import contracts_chosen
-from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
-from blurnoise_eval.sweep.exposing import check_plan
-from blurnoise_eval.sweep.open import ENOUGH, Run
-from blurnoise_eval.sweep.pictures import RunPictures
-from blurnoise_eval.sweep.refining import refined
-from blurnoise_eval.sweep.run import Outcome
-from blurnoise_eval.sweep.run_folder import begun_or_gone, note_models, open_run
-from blurnoise_eval.sweep.score_tables import cluster_of_run, criterion_of
-from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system.files import RUN_FILES, check_outputs, write_whole, writing
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.tables import plain
@@ -83,11 +83,11 @@ def evaluate(
     score that is enough, by default 0.6 for rendered pictures. score: of what, see
     :mod:`blurnoise_eval.answers.criterion`. cluster: pictures in whose names this
     regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.
-    engine: "threads", "processes", "ray", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
+    engine: "threads", "processes", "ray", or an :class:`~blurnoise_eval.run.engines.Engine`.
     threads: how many of the engine's workers, by default one per core. part: "1/4": only the first quarter of the
-    pictures, by their names; :func:`~blurnoise_eval.sweep.merging.merge` joins the parts. refine: whether to compute
+    pictures, by their names; :func:`~blurnoise_eval.run.merging.merge` joins the parts. refine: whether to compute
     more exposures where a window ends between two tested ones, to a quarter of a stop
-    (:mod:`blurnoise_eval.sweep.refining`); a part refines nothing. progress: whether to draw a
+    (:mod:`blurnoise_eval.run.refining`); a part refines nothing. progress: whether to draw a
     bar on the terminal. overwrite: replace files in the folder that blurnoise did not write, or that were changed
     since; inputs and folders never are. command: what the run's page gives as its origin.
 

@@ -9,7 +9,7 @@ from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import Image, Picture
 from blurnoise_eval.grid.axes import axis
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.sweep.exposing import Frame, Scene, frames
+from blurnoise_eval.run.exposing import Frame, Scene, frames
 
 if TYPE_CHECKING:
     from blurnoise_eval.explorer.run import Run

@@ -5,10 +5,10 @@ from itertools import product
 
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.deciding.surface import Predicted
 from blurnoise_eval.maps.nodes import nodes_at
 from blurnoise_eval.program.problem import Inputs, Problem
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops
+from blurnoise_eval.run.surface import Predicted
 from made_tables import on_plane, table
 from plans import IMX250, OWN
 

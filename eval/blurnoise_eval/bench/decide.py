@@ -18,15 +18,15 @@ from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
-from blurnoise_eval.deciding.question import Line
-from blurnoise_eval.deciding.search import Search
-from blurnoise_eval.deciding.surface import USUAL, Kriging
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.run import computing as run
+from blurnoise_eval.run.engines import ThreadEngine
+from blurnoise_eval.run.score_tables import score_tables
+from blurnoise_eval.run.search import Search
+from blurnoise_eval.run.search_space import Line
+from blurnoise_eval.run.surface import USUAL, Kriging
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import run
-from blurnoise_eval.sweep.engines import ThreadEngine
-from blurnoise_eval.sweep.score_tables import score_tables
 
 EXPOSURES = (1e-3, 90e-3)
 LEVELS = (0.8, 0.9)

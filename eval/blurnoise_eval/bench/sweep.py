@@ -12,10 +12,10 @@ from blurnoise_eval import datasets
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.run import computing as run
+from blurnoise_eval.run.engines import ThreadEngine
+from blurnoise_eval.run.work import blocks
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import run
-from blurnoise_eval.sweep.engines import ThreadEngine
-from blurnoise_eval.sweep.work import blocks
 from blurnoise_eval.system.machine import limited_threads
 
 _EXPOSURES_S = (0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06, 0.09)

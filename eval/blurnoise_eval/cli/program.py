@@ -36,8 +36,8 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     from blurnoise_eval.program import scenario as of
     from blurnoise_eval.program.optimise import optimise
     from blurnoise_eval.program.problem import Problem, inputs_of
-    from blurnoise_eval.sweep.open import Run
-    from blurnoise_eval.sweep.score_tables import cluster_of_run, criterion_of
+    from blurnoise_eval.run.run import Run
+    from blurnoise_eval.run.score_tables import cluster_of_run, criterion_of
     from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
     check_outputs(output, "program.csv", "program.json", "program.png", "libcamera.json")

@@ -51,8 +51,8 @@ def quality(*, config: ChartPlan, output: NewFolder, as_json: Json = False) -> N
     """
     camera = inputs.camera(config.camera, config.cfa, colour=False)
     workers = inputs.threads(config.threads)
-    from blurnoise_eval.quality import figures as quality_figures
-    from blurnoise_eval.quality import measure as quality
+    from blurnoise_eval.measure import charts as quality
+    from blurnoise_eval.measure import figures as quality_figures
     from blurnoise_eval.system.files import check_outputs
 
     plan = config.sweep_plan(repeats=2)

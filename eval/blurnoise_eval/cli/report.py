@@ -103,8 +103,8 @@ def report(
             trust=trust,
         )
         if coco:
+            from blurnoise_eval.run.coco_export import write_detections
             from blurnoise_eval.store.store import Store
-            from blurnoise_eval.sweep.coco_export import write_detections
 
             place = path_within(done.output, "coco")
             with Store(done.folder) as store:

@@ -46,7 +46,7 @@ def computed(
     compute: Callable[..., Evaluation], config: PlanFile, output: Location, as_json: bool, **further: Any
 ) -> None:
     """Compute a plan, write the run and print its answers."""
-    from blurnoise_eval.sweep.engines import engine_of
+    from blurnoise_eval.run.engines import engine_of
     from blurnoise_eval.system.working_folder import written_run
 
     workers = config.threads if config.address else inputs.threads(config.threads)

@@ -1,9 +1,8 @@
 """Decisions: which exposures work, from few conditions.
 
-A search asks for nodes of the plane of lux-seconds and pixels, a batch at a time. Each batch is a plan that
-:func:`~blurnoise_eval.sweep.run.run` computes into the run's store, and the scores decide which nodes come next. So a
-run that was killed can be resumed, and a wider question starts with the existing nodes. Where the plane does not
-hold, the full grid is computed, as in a sweep.
+A search asks for nodes of the plane of lux-seconds and pixels, a batch at a time. Each batch is computed into
+the run's store, and the scores decide which nodes come next. So a run that was killed can be resumed, and a wider
+question starts with the existing nodes. Where the plane does not hold, the full grid is computed, as in a sweep.
 """
 
 from __future__ import annotations
@@ -23,24 +22,24 @@ from blurnoise_eval.answers.criterion import Criterion, criterion_for
 from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.datasets import PictureSet, check_cut
-from blurnoise_eval.deciding.question import Question, conditions_at, direction_of_all, lattice, what_breaks
-from blurnoise_eval.deciding.search import CHECKED, MOST_NODES, Search
-from blurnoise_eval.deciding.surface import Trend, predicted_table
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.report.run import RunData, Tables
 from blurnoise_eval.report.words import counted
+from blurnoise_eval.run import computing as sweep
+from blurnoise_eval.run.computing import Outcome
+from blurnoise_eval.run.contract_checks import contracts_chosen
+from blurnoise_eval.run.engines import Engine, engine_facts, engine_of, staying
+from blurnoise_eval.run.identity import begun_or_gone, note_models, open_run
+from blurnoise_eval.run.run import ENOUGH, Batch, Place, ask, asked
+from blurnoise_eval.run.score_tables import run_averages, score_tables, withheld_models
+from blurnoise_eval.run.search import CHECKED, MOST_NODES, Search
+from blurnoise_eval.run.search_space import Question, conditions_at, direction_of_all, lattice, what_breaks
+from blurnoise_eval.run.surface import Trend, predicted_table
+from blurnoise_eval.run.work import count_cells
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.contract_checks import contracts_chosen
-from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
-from blurnoise_eval.sweep.open import ENOUGH, Batch, Place, ask, asked
-from blurnoise_eval.sweep.run import Outcome
-from blurnoise_eval.sweep.run_folder import begun_or_gone, note_models, open_run
-from blurnoise_eval.sweep.score_tables import run_averages, score_tables, withheld_models
-from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder

@@ -38,7 +38,7 @@ from blurnoise_eval.explorer.rendered import (
 from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import OF_RUN, Control, State, controls
 from blurnoise_eval.grid.axes import MOVES
-from blurnoise_eval.sweep.exposing import Frame
+from blurnoise_eval.run.exposing import Frame
 
 _FULL = ThreadPoolExecutor(2, thread_name_prefix="explorer")
 """For all but smaller pictures, which wait for no full one."""

@@ -34,10 +34,10 @@ from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.grid.axes import EGO, EXPOSURE, MOVES, VELOCITY
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
+from blurnoise_eval.run.exposing import Frame, Scene, frames, snr_db
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
 from blurnoise_eval.scoring.on_picture import ModelOutput, View
-from blurnoise_eval.sweep.exposing import Frame, Scene, frames, snr_db
 
 Picture8 = NDArray[np.uint8]
 PREVIEW_PX = 120_000

@@ -12,11 +12,11 @@ from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
 from blurnoise_eval.grid.axes import AXES, EXPOSURE, NAMES, Axis
+from blurnoise_eval.run import run as opened
+from blurnoise_eval.run.pictures import RunPictures
+from blurnoise_eval.run.score_tables import criterion_of
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import open as opened
-from blurnoise_eval.sweep.pictures import RunPictures
-from blurnoise_eval.sweep.score_tables import criterion_of
 
 USUAL = Criterion(KEPT, kept=True)
 """The criterion where no run has one in confidences."""

@@ -37,8 +37,8 @@ def maps(
     from blurnoise_eval.maps import figures
     from blurnoise_eval.maps.maps import maps_of, sentences, tables, write
     from blurnoise_eval.maps.nodes import nodes_of
-    from blurnoise_eval.sweep.open import Run
-    from blurnoise_eval.sweep.score_tables import cluster_of_run, criterion_of
+    from blurnoise_eval.run.run import Run
+    from blurnoise_eval.run.score_tables import cluster_of_run, criterion_of
     from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
     check_outputs(output, "maps.csv", "nodes.csv", "figures/map-*.png", "figures/scatter-*.png")

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 
 from blurnoise_eval.answers.plane import STILL_PX, same_places
 from blurnoise_eval.maps.maps import Map, Maps
+from blurnoise_eval.measure.charts import METRICS
 from blurnoise_eval.plots.style import plain_numbers, small_multiples, tidy
-from blurnoise_eval.quality.measure import METRICS
 from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 

@@ -19,10 +19,10 @@ from rich.table import Table
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.maps.nodes import Array, Nodes
-from blurnoise_eval.quality.measure import METRICS, measure
+from blurnoise_eval.measure.charts import METRICS, measure
+from blurnoise_eval.run.score_tables import score_tables
 from blurnoise_eval.scoring.uncertainty import all_and_without, interval_of, left_out
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.score_tables import score_tables
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines, finite
 

@@ -21,9 +21,9 @@ from blurnoise_eval.answers.table import ORDER, ScoreTable
 from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.grid.axes import CORE, LIGHT, SETTING
 from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import StoreError
-from blurnoise_eval.sweep.open import Run
 
 Array = NDArray[np.float64]
 Row = Mapping[str, Any]

@@ -28,11 +28,11 @@ from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.datasets import RENDERED_SIZE_PX, Image, Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan, cell_seed
-from blurnoise_eval.quality import measure as quality
+from blurnoise_eval.measure import charts as quality
+from blurnoise_eval.run import computing as sweep
+from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.scoring.on_picture import Reader
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.engines import ThreadEngine
 
 Chain = Literal["paper", "camera"]
 CHAINS: tuple[Chain, ...] = ("paper", "camera")

@@ -16,16 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.deciding.decision import on_lines, question_of
-from blurnoise_eval.deciding.question import Question, what_breaks
-from blurnoise_eval.deciding.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, LIGHT, axis
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops, mean_light
+from blurnoise_eval.run.run import Run
+from blurnoise_eval.run.score_tables import run_averages, score_tables, withheld_models
+from blurnoise_eval.run.search_space import Question, what_breaks
+from blurnoise_eval.run.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.scoring.uncertainty import influence, ratio_of_sums
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.open import Run
-from blurnoise_eval.sweep.score_tables import run_averages, score_tables, withheld_models
 from blurnoise_eval.system.tables import finite
 
 GREY = 0.18

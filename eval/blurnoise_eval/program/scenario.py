@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import Figure, in_range, limited, one_of
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
-from blurnoise_eval.deciding.question import exposures_on
+from blurnoise_eval.run.search_space import exposures_on
 
 Objective = Literal["expected", "worst", "tail"]
 Array = NDArray[np.float64]

@@ -32,19 +32,19 @@ from blurnoise_eval.grid.axes import (
 )
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.settings import Settings, Tested
-from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.store import queries
-from blurnoise_eval.store.store import Stated, Store
-from blurnoise_eval.sweep.met_conditions import met_conditions
-from blurnoise_eval.sweep.open import Run
-from blurnoise_eval.sweep.refining import exposures_of_grid
-from blurnoise_eval.sweep.score_tables import (
+from blurnoise_eval.run.met_conditions import met_conditions
+from blurnoise_eval.run.refining import exposures_of_grid
+from blurnoise_eval.run.run import Run
+from blurnoise_eval.run.score_tables import (
     dark_below,
     models_withheld,
     run_averages,
     run_scores,
     score_tables,
 )
+from blurnoise_eval.scoring.matching import FOUND_SCORE
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Stated, Store
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 

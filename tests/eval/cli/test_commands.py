@@ -16,8 +16,8 @@ from blurnoise_eval.deciding import decision
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.paper import items
 from blurnoise_eval.program.optimise import Stages
+from blurnoise_eval.run.run import asked
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.open import asked
 from commands import main, told
 from signs_in_memory import matched_detector, sign
 

@@ -10,12 +10,12 @@ import pytest
 from blurnoise_eval.answers.recommendation import CLOSE, MOST_COMMON
 from blurnoise_eval.deciding import decision
 from blurnoise_eval.deciding.decision import decided
-from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.program.problem import inputs_of
+from blurnoise_eval.run.engines import ThreadEngine
+from blurnoise_eval.run.run import asked
+from blurnoise_eval.run.search_space import Question
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.engines import ThreadEngine
-from blurnoise_eval.sweep.open import asked
 from signs_in_memory import CAMERA, everything, matched_detector, picture, picture_set, sign
 
 

@@ -26,7 +26,7 @@ words = "--lux 2 --exposure-ms 5 --dx 0 --limit 1 --camera imx250 --read-noise-e
 assert cli.main(["sweep", *words.split()]) == 0
 from blurnoise import Camera
 from blurnoise_eval.explorer.state import controls
-from blurnoise_eval.sweep.open import Run
+from blurnoise_eval.run.run import Run
 assert controls(Camera.preset("imx250"))["read_noise_e"].axis is axes.axis("read_noise_e")
 with Run.open("run") as run:
     assert run.plan.values("read_noise_e") == (2.0, 40.0)

@@ -11,7 +11,7 @@ import pytest
 from blurnoise_eval.maps import maps
 from blurnoise_eval.maps.maps import Maps, map_of, sentences
 from blurnoise_eval.maps.nodes import nodes_at, nodes_of
-from blurnoise_eval.quality.measure import METRICS
+from blurnoise_eval.measure.charts import METRICS
 from blurnoise_eval.store.store import StoreError
 from commands import main
 from made_planes import KEEP, exact, plane, row, scores_at

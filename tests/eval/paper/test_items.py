@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 import read_pages
+from blurnoise_eval.measure.charts import TILT_DEG
 from blurnoise_eval.paper import items, page
 from blurnoise_eval.paper.item import Check, Figure, Item, near
 from blurnoise_eval.paper.measurement import Measurements, NotRun
-from blurnoise_eval.quality.measure import TILT_DEG
 from scipy.optimize import brentq
 
 from blurnoise.blur import convolution

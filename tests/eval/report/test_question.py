@@ -8,7 +8,7 @@ import pytest
 from blurnoise_eval import Detector, Evaluation, datasets, evaluate
 from blurnoise_eval.cli import main
 from blurnoise_eval.report import page
-from blurnoise_eval.sweep.merging import merge
+from blurnoise_eval.run.merging import merge
 from plans import plan
 
 PLAN = plan((0.002, 0.01), (50.0,), (0.0, 400.0), gain_db=(0.0,))
