@@ -39,8 +39,8 @@ from blurnoise_eval.run.run import ENOUGH, Run
 from blurnoise_eval.run.score_tables import cluster_of_run, criterion_of
 from blurnoise_eval.run.work import count_cells
 from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.store.columns import CONDITIONS
 from blurnoise_eval.store.queries import write_exports
-from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.files import RUN_FILES, check_outputs, write_whole, writing
 from blurnoise_eval.system.progress import ProgressBar
@@ -196,13 +196,13 @@ class Evaluation:
     def cells(self) -> Rows:
         """A row per picture, condition and model, as results.csv has them."""
         with Store(self.folder) as store:
-            return [named(row) for row in store.cells()]
+            return [row.columns() for row in store.cells()]
 
     @cached_property
     def targets(self) -> Rows:
         """A row per cell and target, as targets.csv has them."""
         with Store(self.folder) as store:
-            return [named(row) for row in store.targets()]
+            return [row.columns() for row in store.targets()]
 
     @property
     def scores(self) -> Rows:
@@ -227,7 +227,7 @@ class Evaluation:
     @property
     def skipped(self) -> Rows:
         """Pictures that could not be read, with the reason."""
-        return self.data.skipped
+        return [row.columns() for row in self.data.skipped]
 
     @property
     def summary(self) -> dict[str, Any]:

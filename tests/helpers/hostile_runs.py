@@ -15,7 +15,7 @@ from pathlib import Path
 
 from blurnoise_eval.datasets import rendered_signs
 from blurnoise_eval.evaluation import evaluate
-from blurnoise_eval.store import schema
+from blurnoise_eval.grid.axes import NAMES
 from plans import plan
 from signs_in_memory import CAMERA
 
@@ -359,7 +359,7 @@ READ = {
         "question",
         json.dumps(
             {
-                "grid": {name: [float(n) for n in range(1, 900)] for name in schema.CONDITIONS[1:5]},
+                "grid": {name: [float(n) for n in range(1, 900)] for name in NAMES[:4]},
                 "because": [],
             }
         ),

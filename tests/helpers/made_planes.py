@@ -9,6 +9,7 @@ from blurnoise_eval.maps.nodes import nodes_at
 from blurnoise_eval.program.problem import Inputs, Problem
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops
 from blurnoise_eval.run.surface import Predicted
+from blurnoise_eval.store.columns import AxisValues
 from made_tables import on_plane, table
 from plans import IMX250, OWN
 
@@ -17,10 +18,10 @@ from blurnoise.optics.camera import PRESETS
 KEEP = Criterion(0.9, True)
 
 
-def row(exposure_s, lux, dx=0.0, dy=0.0, **others):
-    """A condition as the store has it, its gain 0 dB unless stated."""
+def row(exposure_s, lux, dx=0.0, dy=0.0, applied_gain_db=0.0, **others):
+    """A condition of the store, and the mean gain of its pictures, dB."""
     at = {"exposure_s": exposure_s, "illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
-    return {"clean": 0, **at, **OWN, "applied_gain_db": 0.0, **others}
+    return AxisValues.of({**at, **OWN, **others}), applied_gain_db
 
 
 def plane(

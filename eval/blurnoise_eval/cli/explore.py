@@ -113,5 +113,5 @@ def _write(catalogue: Catalogue, state: State, output: Path, as_json: bool) -> N
     facts |= {name: value for name, (_, value, _) in found.numbers.items()}
     if found.sight is not None:
         facts["confidence"] = mean_confidence(found.sight) if found.sight.targets else None
-        facts["confidences"] = [float(row["confidence"]) for row in found.sight.targets]
+        facts["confidences"] = [row.confidence for row in found.sight.targets]
     print_facts(facts, as_json)

@@ -161,7 +161,7 @@ class _Run:
         self.outcome.add(done)
         skipped = self.store.skipped()
         if len(skipped) == len(self.pictures):
-            raise ValueError(f"images: none could be read (first: {skipped[0]['reason']})")
+            raise ValueError(f"images: none could be read (first: {skipped[0].reason})")
 
     def _find_edges(self) -> None:
         """Ask until the search is done, or no group of targets has a score that means something.

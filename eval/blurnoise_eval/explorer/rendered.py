@@ -58,7 +58,7 @@ class Point(NamedTuple):
 
 def mean_confidence(sight: ModelOutput) -> float:
     """Over the targets; 0 without any."""
-    return sum(float(row["confidence"]) for row in sight.targets) / max(1, len(sight.targets))
+    return sum(row.confidence for row in sight.targets) / max(1, len(sight.targets))
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,9 @@ class Standard:
     def of(cls, criterion: Criterion, clean: ModelOutput) -> Standard:
         """The standard of a picture, by the detector's answer to the original."""
         least = FOUND_SCORE if criterion.kept else 0.0
-        rows = tuple(row for row in clean.targets if row["confidence"] >= least)
+        rows = tuple(row for row in clean.targets if row.confidence >= least)
         unit = mean_confidence(clean._replace(targets=rows)) if criterion.kept else 1.0
-        return cls(criterion.level, criterion.kept, unit, frozenset(row["target_id"] for row in rows))
+        return cls(criterion.level, criterion.kept, unit, frozenset(row.target_id for row in rows))
 
     @property
     def required(self) -> float:
@@ -87,7 +87,7 @@ class Standard:
 
     def sight(self, sight: ModelOutput) -> ModelOutput:
         """With the targets that count alone."""
-        return sight._replace(targets=tuple(row for row in sight.targets if row["target_id"] in self.counted))
+        return sight._replace(targets=tuple(row for row in sight.targets if row.target_id in self.counted))
 
     def text(self, mean: float) -> str:
         """A mean confidence in the criterion's unit."""
@@ -217,7 +217,7 @@ def verdict(found: Rendered) -> tuple[bool, str]:
     if not sight.targets:
         return False, "No score, as the model finds nothing in the original picture. Choose another model."
     mean = mean_confidence(sight)
-    hits = sum(row["confidence"] >= FOUND_SCORE for row in sight.targets)
+    hits = sum(row.confidence >= FOUND_SCORE for row in sight.targets)
     text = f"Mean confidence {mean:.2f}"
     if standard.kept:
         kept = f"Keeps {standard.text(mean)} of its confidence in the original"
@@ -265,8 +265,8 @@ def boxes(found: Rendered, sight: ModelOutput | None) -> str:
     if sight is None:
         return ""
     size = height, width = found.frame.image.shape[:2]  # of its own, since a smaller picture may lie below
-    targets = sorted(sight.targets, key=lambda row: -row["width_px"] * row["height_px"])[:MOST_BOXES]
-    places = [[row["x0"], row["y0"], row["x1"], row["y1"]] for row in targets]
+    targets = sorted(sight.targets, key=lambda row: -row.width_px * row.height_px)[:MOST_BOXES]
+    places = [row.box_xyxy for row in targets]
     leading = sight.detections.leading
     rows = zip(leading.boxes_xyxy.tolist(), leading.scores.tolist(), leading.class_ids.tolist(), strict=True)
     drawn = [
@@ -275,8 +275,8 @@ def boxes(found: Rendered, sight: ModelOutput | None) -> str:
         if not (iou([box], places) >= MATCH_IOU).any()
     ]
     for row, place in zip(targets, places, strict=True):
-        kind = "found" if row["confidence"] >= FOUND_SCORE else "missed"
-        drawn.append(_box(place, kind, f"{row['confidence']:.2f}", size))
+        kind = "found" if row.confidence >= FOUND_SCORE else "missed"
+        drawn.append(_box(place, kind, f"{row.confidence:.2f}", size))
     return (
         f'<svg class="boxes" viewBox="0 0 {width} {height}" width="100%" height="100%" preserveAspectRatio="none">'
         f"{''.join(drawn)}</svg>"

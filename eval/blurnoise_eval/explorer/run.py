@@ -11,7 +11,7 @@ from blurnoise_eval.answers.criterion import CONFIDENCE, KEPT, Criterion
 from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
-from blurnoise_eval.grid.axes import AXES, EXPOSURE, NAMES, Axis
+from blurnoise_eval.grid.axes import AXES, EXPOSURE, Axis
 from blurnoise_eval.run import run as opened
 from blurnoise_eval.run.pictures import RunPictures
 from blurnoise_eval.run.score_tables import criterion_of
@@ -53,9 +53,8 @@ class Run(RunPictures):
     def _read_means(self, model: str) -> list[tuple[dict[str, float], float]]:
         """A detector's mean confidence under each condition."""
         with Store(self.folder) as store:
-            rows = [row for row in queries.target_sums(store, model) if not row["clean"]]
-        counted = [(row, row["n_target_confidence"]) for row in rows if row["n_target_confidence"]]
-        return [({name: row[name] for name in NAMES}, row["target_confidence"] / n) for row, n in counted]
+            means = queries.mean_confidences(store, model)
+        return [(dict(at), mean) for at, mean in means if not at.original]
 
     def heat_map(self, model: str, near: Mapping[str, float]) -> HeatMap:
         """By exposure, or what varies most, and what else varies; the other axes at the tested value nearest to

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +22,10 @@ from blurnoise_eval.grid.axes import CORE, LIGHT, SETTING
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.store import StoreError
 
 Array = NDArray[np.float64]
-Row = Mapping[str, Any]
 _DARK_SHARE = 0.02  # of the variance in the dark, from which dark charge distinguishes exposures
 _DIGITS = 6  # significant digits by which H and L are equal
 
@@ -93,13 +92,16 @@ def nodes_of(run: Run) -> Nodes:
     return nodes
 
 
-def nodes_at(rows: Iterable[Row], camera: Camera, planned: Sequence[str]) -> Nodes:
+def nodes_at(
+    rows: Iterable[tuple[AxisValues, float | None]], camera: Camera, planned: Sequence[str]
+) -> Nodes:
     """The nodes of the store's conditions. planned: axes on which the plan has values, in place of the camera's."""
-    lit = [row for row in rows if row["exposure_s"] * row[LIGHT.name] > 0]
+    rows = [(at, gain_db) for at, gain_db in rows if at.exposure_s * at.illuminance_lux > 0]
+    lit = [at for at, _ in rows]
     names = {*CORE, *planned} - {"gain_db"}
     every = [
-        Conditions(**{name: row[name] for name in names}, gain_db=round(row["applied_gain_db"] or 0.0, 1))
-        for row in lit
+        Conditions(**{name: at[name] for name in names}, gain_db=round(gain_db or 0.0, 1))
+        for at, gain_db in rows
     ]
     by_exposure = _dark_charge_counts(behind_one_filter(camera), every)
     keys = [_key(at, by_exposure) for at in every]

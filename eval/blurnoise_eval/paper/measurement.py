@@ -123,8 +123,9 @@ class Grid:
         with TemporaryDirectory() as folder, Store(Path(folder, "signs"), create=True) as store:
             sweep.run([model], camera, shown, plan, store, engine=ThreadEngine(using.threads))
             for row in store.targets():
-                if not row["clean"]:
-                    scores.setdefault((row["group"], *_place(row)), []).append(row["confidence"])
+                if not row.conditions.original:
+                    key = row.target.group, *_place(row.conditions)
+                    scores.setdefault(key, []).append(row.target.confidence)
         of_fields = np.min if self.read else np.mean
         return {key: Estimate(float(of_fields(values))) for key, values in scores.items()}
 

@@ -240,17 +240,16 @@ class Metering:
         return USUAL.setting(self.camera, **at, **self._picture).gain_db
 
 
-def mean_light(gains: Iterable[Mapping[str, Any]], camera: Camera) -> float | None:
+def mean_light(gains: Iterable[tuple[str, float, float, float]], camera: Camera) -> float | None:
     """Mean over pictures of their mean light, by their gains; None where all gains are at a limit.
 
-    gains: rows of ``image``, ``illuminance_lux``, ``exposure_s`` and ``applied_gain_db``, set by the camera for each
-    picture. Dark charge counts for none.
+    gains: (picture, illuminance in lux, exposure in s, gain in dB that the camera has set). Dark charge counts for
+    none.
     """
     white = Metering(camera, 1.0).total_s(1.0)  # lux s
     of: dict[str, list[float]] = {}
-    for row in gains:
-        gain_db = row["applied_gain_db"]
+    for image, illuminance_lux, exposure_s, gain_db in gains:
         if _TOLD_DB < gain_db < camera.gain_max_db - _TOLD_DB:
-            total = row["illuminance_lux"] * row["exposure_s"] * 10 ** (gain_db / 20)
-            of.setdefault(row["image"], []).append(math.log(white / total))
+            total = illuminance_lux * exposure_s * 10 ** (gain_db / 20)
+            of.setdefault(image, []).append(math.log(white / total))
     return float(np.mean([math.exp(float(np.median(logs))) for logs in of.values()])) if of else None

@@ -46,7 +46,7 @@ def _first(lines: Iterable[str], more: str) -> list[str]:
 
 def warnings(data: RunData) -> list[str]:
     """The run's warnings, and the pictures that were skipped."""
-    skipped = (f"Skipped {row['image']}: {row['reason']}" for row in data.skipped)
+    skipped = (f"Skipped {row.image}: {row.reason}" for row in data.skipped)
     return [*data.manifest["warnings"], *_first(skipped, "more skipped pictures")]
 
 

@@ -44,6 +44,7 @@ from blurnoise_eval.run.score_tables import (
 )
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.rows import Example, LabelledBox, SkippedRow
 from blurnoise_eval.store.store import Stated, Store
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
@@ -74,10 +75,10 @@ class RunData:
     manifest: Row
     models: list[Row]
     scores: list[Row]
-    skipped: list[Row]
+    skipped: list[SkippedRow]
     answers: list[Row]
     endurances: list[Row]
-    examples: list[Row]
+    examples: list[Example]
     recommendations: list[Row] = field(default_factory=list)
     averages: list[Row] = field(default_factory=list)
 
@@ -156,13 +157,13 @@ class RunData:
         kept = sorted(sizes, key=lambda group: -sizes[group])[:count]
         return [group for group in sizes if group in kept]
 
-    def spread_examples(self, count: int) -> list[Row]:
+    def spread_examples(self, count: int) -> list[Example]:
         """At most about ``count`` examples, of conditions that are evenly spread, each with all models."""
-        paths = list(dict.fromkeys(example["path"] for example in self.examples))
+        paths = list(dict.fromkeys(example.path for example in self.examples))
         kept = spread(paths, max(1, count // max(1, len(self.model_names))))
-        chosen = (example for example in self.examples if example["path"] in kept)
+        chosen = (example for example in self.examples if example.path in kept)
         return sorted(
-            chosen, key=lambda each: (kept.index(each["path"]), self.model_names.index(each["model"]))
+            chosen, key=lambda each: (kept.index(each.path), self.model_names.index(each.cell.model))
         )
 
 
@@ -270,24 +271,14 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
     return [folder / name for name in (*written, CONDITIONS_FILE)]
 
 
-def _examples(store: Store, manifest: Mapping[str, Any]) -> Iterator[Row]:
+def _examples(store: Store, manifest: Mapping[str, Any]) -> Iterator[Example]:
     classes = {model["name"]: model["contract"].get("classes", []) for model in manifest["models"]}
     for cell in queries.examples(store):
-        found, names = cell.pop("detections").leading, classes[cell["model"]]
+        found, names = store.detections(cell.cell_id, cell.model).leading, classes[cell.model]
         rows = zip(found.boxes_xyxy.tolist(), found.scores.tolist(), found.class_ids.tolist(), strict=True)
-        targets = queries.targets_of(store, cell["cell_id"], cell["model"])
-        yield {
-            **cell,
-            "path": str(store.file(cell["example"])),
-            "detections": [
-                {"box_xyxy": box, "score": score, "label": names[kind]} for box, score, kind in rows
-            ],
-            "targets": [
-                {"box_xyxy": [row[edge] for edge in ("x0", "y0", "x1", "y1")]}
-                | {name: row[name] for name in ("label", "confidence", "text")}
-                for row in targets
-            ],
-        }
+        boxes = (LabelledBox(tuple(box), score, names[kind]) for box, score, kind in rows)
+        targets = queries.targets_of(store, cell.cell_id, cell.model)
+        yield Example(cell, store.file(str(cell.example)), tuple(boxes), tuple(row.target for row in targets))
 
 
 def _warnings(store: Store, manifest: Mapping[str, Any]) -> Iterator[str]:
@@ -300,9 +291,9 @@ def _warnings(store: Store, manifest: Mapping[str, Any]) -> Iterator[str]:
         if unknown := model["unknown_labels"]:
             listed = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")
             yield f"{model['name']}: does not know {len(unknown)} of the labels ({listed}), which are left out"
-        without = queries.without_targets(store, model["name"])
-        if without["pictures"]:
+        count, first = queries.without_targets(store, model["name"])
+        if count:
             yield (
-                f"{model['name']}: {without['pictures']} pictures have no target that the model knows "
-                f"(first: {without['first']}). Only their false positives count"
+                f"{model['name']}: {count} pictures have no target that the model knows "
+                f"(first: {first}). Only their false positives count"
             )

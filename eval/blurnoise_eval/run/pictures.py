@@ -52,13 +52,17 @@ class RunPictures:
             text = ", ".join(f"{name} = {value!r}" for name, value in columns.items())
             raise ValueError(f"{text}: must be a simulated picture of the run, as listed in results.csv")
         row = rows[len(rows) // 2]
-        planned = [Conditions(**{name: row[name] for name in {*CORE, *self._grid}})] if self._grid else []
+        planned = (
+            [Conditions(**{name: row.conditions[name] for name in {*CORE, *self._grid}})]
+            if self._grid
+            else []
+        )
         planned += [at for batch in self._batches for at in batch.conditions]
         for at in planned:
-            cell = Cell(row["image"], row["repeat"], at, row["seed"])
-            if cell.cell_id == row["cell_id"]:
+            cell = Cell(row.image, row.repeat, at, row.seed)
+            if cell.cell_id == row.cell_id:
                 return cell
-        raise ValueError(f"cell = {row['cell_id']!r}: its conditions are not in the plan of the run")
+        raise ValueError(f"cell = {row.cell_id!r}: its conditions are not in the plan of the run")
 
     def scene(self, picture: Picture) -> Scene:
         """The picture as the run's cells saw it."""

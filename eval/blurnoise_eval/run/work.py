@@ -208,8 +208,8 @@ class Worker:
         lamps = self._work.lamps
         if lamps is None or lamps.pwm is None:
             return None
-        lamp = frame.exposure and frame.exposure.lamp
-        return OfLamp(lamp and lamp.phase, frame.missed_pulse)
+        lamp = None if frame.exposure is None else frame.exposure.lamp
+        return OfLamp(None if lamp is None else lamp.phase, frame.missed_pulse)
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""
@@ -265,8 +265,8 @@ def cell_result(
         detection_rate=float((confidences >= FOUND_SCORE).mean()) if rows else None,
         n_detections=len(sight.detections.leading),
         saturated_share=frame.saturated,
-        applied_exposure_s=taken and taken.exposure_s,
-        applied_gain_db=taken and taken.gain_db,
+        applied_exposure_s=None if taken is None else taken.exposure_s,
+        applied_gain_db=None if taken is None else taken.gain_db,
         snr_db=frame.snr_db,
         brightness=frame.brightness,
         inpainted_share=(float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,

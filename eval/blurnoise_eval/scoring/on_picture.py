@@ -134,7 +134,9 @@ class View:
     ) -> tuple[Detections, list[TargetAnswer]]:
         boxes = self._boxes(move_boxes, image)
         rows = []
-        for index, (box, reading) in enumerate(zip(boxes.tolist(), model.read(image, boxes.tolist()), strict=True)):
+        for index, (box, reading) in enumerate(
+            zip(boxes.tolist(), model.read(image, boxes.tolist()), strict=True)
+        ):
             if (truth := self._texts[index]) is None:
                 truth = self._texts[index] = reading.text
             row = self._answered(

@@ -1,9 +1,9 @@
 """Columns: the parts that rows are made of, and what a value in a run's file may be.
 
-A row is a record. Its fields are the columns of its table in SQLite, CSV and JSON, in their order. A field has a type,
-the condition that each value in a run's file meets, in SQL with ``{0}`` for the column, and its meaning; schema,
-headers and the guide's tables of columns are made of these. The axes are columns, too: a new axis is an entry of
-``AXES`` alone.
+A row is a record. Its fields are the columns of its table in SQLite, CSV and JSON, in their order. A field has a
+type, the condition that each value in a run's file meets, in SQL with ``{0}`` for the column, and its meaning;
+schema, headers and the guide's tables of columns are made of these. The axes are columns, too: a new axis is an
+entry of ``AXES`` alone.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class AxisValues(Mapping[str, Any]):
         return hash(self.numbers)
 
     def __repr__(self) -> str:
-        return f"AxisValues.of({({name: number for name, number in self.items() if number is not None})!r})"
+        return f"AxisValues.of({ ({name: number for name, number in self.items() if number is not None})!r})"
 
     @property
     def original(self) -> bool:
@@ -166,7 +166,8 @@ class Row:
     def stored(self) -> dict[str, Any]:
         """The values by column as a run's file has them."""
         found: dict[str, Any] = {}
-        for name in _fields(type(self)):
+        kind: Any = type(self)
+        for name in _fields(kind):
             value = getattr(self, name)
             if isinstance(value, AxisValues):
                 found |= {each: value.original if each == "clean" else value[each] for each in self.axes}
@@ -177,7 +178,7 @@ class Row:
                     found |= estimate.columns(score)
             elif isinstance(value, Row):
                 found |= value.stored()
-            elif name not in _parts(type(self)):
+            elif name not in _parts(kind):
                 found[name] = value
         return found
 
@@ -187,7 +188,8 @@ class Row:
         missing."""
         arguments: list[Any] = []
         start = 0
-        for count, make in _segments(cls):
+        kind: Any = cls
+        for count, make in _segments(kind):
             some = values[start : start + count]
             start += count
             if make is None:
@@ -197,31 +199,34 @@ class Row:
         return cls(*arguments)
 
 
-@cache
-def _fields(of: type[Row]) -> tuple[str, ...]:
-    return tuple(each.name for each in fields(of))
+# Rows' classes are ``Any`` here, since mypy takes them for unhashable.
 
 
 @cache
-def _hints(of: type[Row]) -> dict[str, Any]:
+def _fields(row: Any) -> tuple[str, ...]:
+    return tuple(each.name for each in fields(row))
+
+
+@cache
+def _hints(row: Any) -> dict[str, Any]:
     """The types of the fields alone, with their annotations."""
-    every = get_type_hints(of, include_extras=True)
-    return {name: every[name] for name in _fields(of)}
+    every = get_type_hints(row, include_extras=True)
+    return {name: every[name] for name in _fields(row)}
 
 
-def _part(hint: Any) -> type[Row] | None:
+def _part(hint: Any) -> Any:
     """The row that a field holds, or may hold."""
     kinds = (hint, *get_args(hint))
     return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Row)), None)
 
 
 @cache
-def _parts(of: type[Row]) -> dict[str, type[Row]]:
-    """The fields that are rows themselves."""
-    return {name: part for name, hint in _hints(of).items() if (part := _part(hint)) is not None}
+def _parts(row: Any) -> dict[str, Any]:
+    """The fields that are rows themselves, and their classes."""
+    return {name: part for name, hint in _hints(row).items() if (part := _part(hint)) is not None}
 
 
-def columns_of(row: type[Row], *, optional: bool = True) -> list[Column]:
+def columns_of(row: Any, *, optional: bool = True) -> list[Column]:
     """The columns of a row's table. optional: with those of parts that may be missing."""
     found: list[Column] = []
     for name, hint in _hints(row).items():
@@ -248,7 +253,9 @@ _KINDS: Mapping[Any, str] = {float: "REAL", int: "INTEGER", bool: "INTEGER", str
 
 def _of_axis(name: str) -> Column:
     if name == "clean":
-        return Column(name, "INTEGER", FLAG, "whether this is the original picture; it has no value on any axis")
+        return Column(
+            name, "INTEGER", FLAG, "whether this is the original picture; it has no value on any axis"
+        )
     axis = AXES[_INDEX[name]]
     return Column(name, "REAL", _on(axis), axis.about)
 
@@ -266,11 +273,11 @@ def _on(axis: Axis) -> str:
 
 
 @cache
-def _segments(of: type[Row]) -> tuple[tuple[int, Any], ...]:
+def _segments(row: Any) -> tuple[tuple[int, Any], ...]:
     """Runs of columns: how many, and what one field is made of them by; None: fields of their own."""
     found: list[tuple[int, Any]] = []
-    for name, hint in _hints(of).items():
-        part = _parts(of).get(name)
+    for name, hint in _hints(row).items():
+        part = _parts(row).get(name)
         if hint is AxisValues:
             found.append((len(CONDITIONS), lambda clean, *numbers: _shared(*numbers)))
         elif part is not None:

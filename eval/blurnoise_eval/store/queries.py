@@ -44,10 +44,10 @@ def _condition(at: AxisValues) -> tuple[Any, ...]:
 
 
 def as_set(store: Store, conditions: Iterable[AxisValues]) -> list[AxisValues]:
-    """The conditions; where the camera sets the exposure, with the mean exposure of the pictures of that setting, s."""
+    """The conditions; where the camera sets the exposure, with the mean exposure of that setting's pictures, s."""
     where = ", ".join(SETTING)
     query = f"SELECT {where}, {_mean('applied_exposure_s')} FROM cells WHERE exposure_s = ? GROUP BY {where}"
-    means = {setting: mean for *setting, mean in store.rows(query, AUTOMATIC)}
+    means = {tuple(setting): mean for *setting, mean in store.rows(query, AUTOMATIC)}
     return [
         at.but(exposure_s=means[setting_of(at)]) if at["exposure_s"] == AUTOMATIC else at for at in conditions
     ]
@@ -203,7 +203,9 @@ def targets_of(store: Store, cell_id: str, model: str) -> Iterator[TargetRow]:
 
 def without_targets(store: Store, model: str) -> tuple[int, str | None]:
     """How many pictures have no target that the model knows, and the first of them."""
-    query = "SELECT COUNT(*), MIN(image) FROM cells WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?"
+    query = (
+        "SELECT COUNT(*), MIN(image) FROM cells WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?"
+    )
     ((count, first),) = store.rows(query, model)
     return count, first
 
@@ -329,7 +331,8 @@ def _read(store: Store, model: str) -> TargetColumns:
         blocks.append(np.array(coded, float))  # NaN for None
     table = np.concatenate(blocks)
     codes = table[:, :5].astype(np.int32).T
-    named = [_sorted(*each) for each in zip((conditions, pictures, groups), codes, strict=False)]
+    of_names: list[dict[Any, int]] = [conditions, pictures, groups]
+    named = [_sorted(*each) for each in zip(of_names, codes, strict=False)]
     columns = [*(ranks for _, ranks in named), *codes[3:], *table[:, 5:].T]
     order = np.lexsort((columns[4], columns[3], columns[1], columns[0]))
     tested, *others = (names for names, _ in named)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, NamedTuple
 
 from blurnoise_eval.store.columns import (
     ANY_TEXT,
@@ -54,14 +55,20 @@ class CellRow(CellKey):
     seed: Annotated[int, BIG, "seed of the noise"]
     n_targets: Annotated[int, COUNT, "targets in the picture that the model knows"]
     target_confidence: Annotated[float | None, SHARE, "mean confidence in the targets"] = None
-    detection_rate: Annotated[float | None, SHARE, "share of targets with a confidence of 0.25 or more"] = None
+    detection_rate: Annotated[float | None, SHARE, "share of targets with a confidence of 0.25 or more"] = (
+        None
+    )
     n_detections: Annotated[int, COUNT, "detections of any score"] = 0
     saturated_share: Annotated[float | None, SHARE, "share of values at a limit of the sensor"] = None
-    applied_exposure_s: Annotated[float | None, number(1e-12, 3600.0), "exposure, also if the camera set it"] = None
+    applied_exposure_s: Annotated[
+        float | None, number(1e-12, 3600.0), "exposure, also if the camera set it"
+    ] = None
     applied_gain_db: Annotated[float | None, MEASURED, "gain, also if the camera set it"] = None
     snr_db: Annotated[float | None, MEASURED, "signal to noise of the mean light"] = None
     brightness: Annotated[float | None, SHARE, "mean brightness of the picture"] = None
-    inpainted_share: Annotated[float | None, SHARE, "mean share of the targets' background that was inpainted"] = None
+    inpainted_share: Annotated[
+        float | None, SHARE, "mean share of the targets' background that was inpainted"
+    ] = None
     simulate_ms: Annotated[float | None, MEASURED, "time of the simulation"] = None
     infer_ms: Annotated[float | None, MEASURED, "time of the inference"] = None
     error: Annotated[str | None, ANY_TEXT, "why the model failed"] = None
@@ -84,7 +91,9 @@ class TargetAnswer(Row):
     width_px: Annotated[float, PX, "width"]
     height_px: Annotated[float, PX, "height"]
     confidence: Annotated[float, SHARE, "confidence in the target; of text that is read wrong 0"]
-    confidence_swept: Annotated[float | None, SHARE, "as confidence, with the box that the motion sweeps"] = None
+    confidence_swept: Annotated[float | None, SHARE, "as confidence, with the box that the motion sweeps"] = (
+        None
+    )
     inpainted_share: Annotated[float | None, SHARE, "share of the background that was inpainted"] = None
     truth: Annotated[str | None, ANY_TEXT, "text on the target"] = None
     text: Annotated[str | None, ANY_TEXT, "text that was read"] = None
@@ -102,6 +111,24 @@ class TargetRow(CellKey):
     """A target of a cell, and the model's answer for it."""
 
     target: TargetAnswer
+
+
+class LabelledBox(NamedTuple):
+    """A detection: its box, left, top, right, bottom in px, its score, and the name of its class."""
+
+    box_xyxy: tuple[float, float, float, float]
+    score: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """A picture that was kept at ``path``, with a model's answer: what it detected, and what of the targets."""
+
+    cell: CellRow
+    path: Path
+    detections: tuple[LabelledBox, ...]
+    targets: tuple[TargetAnswer, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +164,8 @@ class ScoreRow(Row):
     snr_db: Annotated[float | None, "mean signal to noise"] = None
     brightness: Annotated[float | None, "mean brightness"] = None
     saturated_share: Annotated[float | None, "mean share of values at a limit of the sensor"] = None
-    inpainted_share: Annotated[float | None, "mean share of the targets' background that was inpainted"] = None
+    inpainted_share: Annotated[float | None, "mean share of the targets' background that was inpainted"] = (
+        None
+    )
     lamps: OfLamps | None = None
     scores: Mapping[str, WithInterval] = field(default_factory=dict)

@@ -268,7 +268,9 @@ class Store:
     def cells(self, where: str = "TRUE", *values: object, order: str = schema.ROWS) -> Iterator[CellRow]:
         """The rows of cells without their detections, in the order of images and conditions; where: some of them."""
         names = ", ".join(self.cell_columns())
-        return map(CellRow.read, self.rows(f"SELECT {names} FROM cells WHERE {where} ORDER BY {order}", *values))
+        return map(
+            CellRow.read, self.rows(f"SELECT {names} FROM cells WHERE {where} ORDER BY {order}", *values)
+        )
 
     def targets(self, where: str = "TRUE", *values: object, order: str = _BY_TARGET) -> Iterator[TargetRow]:
         """A row per cell and target, in the order of cells; where: some of them."""

@@ -163,34 +163,36 @@ def rows(run):
 
 def frame(run, row):
     """The picture of a row's cell, computed anew."""
-    cell = run.cell(cell_id=str(row["cell_id"]))
+    cell = run.cell(cell_id=row.cell_id)
     return run.expose(run.scene(run.picture(cell.image)), cell).image
 
 
 def test_every_kept_picture_is_computed_anew(run):
-    kept = [row for row in rows(run) if row["example"]]
+    kept = [row for row in rows(run) if row.example]
     assert len(kept) > 4
     for row in kept:
-        if not row["clean"]:
-            assert np.array_equal(frame(run, row), read_picture(run.folder / str(row["example"])))
+        if not row.conditions.original:
+            assert np.array_equal(frame(run, row), read_picture(run.folder / row.example))
 
 
 def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run):
     catalogue = Catalogue(run.folder)
     row = next(
-        row for row in rows(run) if row["example"] and row["exposure_s"] == 0.06 and row["velocity_x_px_s"]
+        row
+        for row in rows(run)
+        if row.example and row.conditions["exposure_s"] == 0.06 and row.conditions["velocity_x_px_s"]
     )
-    shown = catalogue.render(catalogue.start(f"cell={row['cell_id']}"))
+    shown = catalogue.render(catalogue.start(f"cell={row.cell_id}"))
     criterion = Decision(run.folder, progress=False).data.criterion
     assert shown.standard is not None
     assert shown.standard.required == criterion.level == 0.6  # rendered signs: a confidence of their own
-    cell, model = str(row["cell_id"]), str(row["model"])
+    cell, model = row.cell_id, row.model
     with Store(run.folder) as store:
-        targets = [each["confidence"] for each in queries.targets_of(store, cell, model)]
+        targets = [each.target.confidence for each in queries.targets_of(store, cell, model)]
         detections = store.detections(cell, model)
     assert shown.sight is not None
-    assert mean_confidence(shown.sight) == row["target_confidence"]
-    assert [each["confidence"] for each in shown.sight.targets] == targets
+    assert mean_confidence(shown.sight) == row.target_confidence
+    assert [each.confidence for each in shown.sight.targets] == targets
     assert np.array_equal(shown.sight.detections.boxes_xyxy, detections.boxes_xyxy)
 
 
@@ -213,8 +215,8 @@ def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path, monkeypatch):
     run = Run(
         swept(tmp_path / "run", image_folder(folder), {"exposure_s": (0.02,), "illuminance_lux": (5.0,)})
     )
-    row = next(row for row in rows(run) if row["example"] and not row["clean"])
-    kept = read_picture(run.folder / str(row["example"]))
+    row = next(row for row in rows(run) if row.example and not row.conditions.original)
+    kept = read_picture(run.folder / row.example)
     assert np.array_equal(frame(run, row), kept)
     monkeypatch.setenv("BLURNOISE_STATE", str(tmp_path / "another"))
     with pytest.raises(ValueError, match=r"is outside the folder of the run; --trust .* --images"):

@@ -67,9 +67,9 @@ def test_a_detector_is_asked_as_in_a_sweep_and_the_curve_is_what_is_seen_there(s
     assert taken.sight is not None
     assert taken.clean is not None
     assert taken.standard is not None
-    own = [row["confidence"] for row in signs.view(detector).evaluate(taken.frame.image).targets]
-    assert [row["confidence"] for row in taken.sight.targets] == own
-    assert taken.standard.unit == pytest.approx(np.mean([row["confidence"] for row in taken.clean.targets]))
+    own = [row.confidence for row in signs.view(detector).evaluate(taken.frame.image).targets]
+    assert [row.confidence for row in taken.sight.targets] == own
+    assert taken.standard.unit == pytest.approx(np.mean([row.confidence for row in taken.clean.targets]))
     good, sentence = verdict(taken)
     kept = np.mean(own) / taken.standard.unit
     assert good == (kept >= 0.9)

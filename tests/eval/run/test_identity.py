@@ -97,10 +97,10 @@ def test_a_picture_that_changes_under_the_sweep_ends_it(detector, photos, tmp_pa
     assert computed(detector, photos, tmp_path / "run", pictures=pictures) == (6, 0)
     shown = replace(image_folder(photos), pictures=pictures)
     with Store(tmp_path / "run", create=True) as store:
-        before = [row for row in store.cells() if row["image"] == "a.bmp"]
+        before = [row for row in store.cells() if row.image == "a.bmp"]
         with pytest.raises(StoreError, match=r"picture 'a\.bmp' has changed since"):
             sweep.run([detector], CAMERA, shown, replace(SMALL, repeats=2), store)
-        assert [row for row in store.cells() if row["image"] == "a.bmp"] == before
+        assert [row for row in store.cells() if row.image == "a.bmp"] == before
 
 
 def test_every_part_of_a_run_is_in_its_identity(cut, detector, tmp_path):
