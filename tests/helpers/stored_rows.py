@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.plan.axes import NAMES
 from blurnoise_eval.store.columns import ORIGINAL, AxisValues
 from blurnoise_eval.store.rows import CellRow, TargetAnswer, TargetRow
 from blurnoise_eval.store.store import CellResult

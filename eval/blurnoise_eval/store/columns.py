@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from functools import cache, lru_cache
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_origin, get_type_hints
 
-from blurnoise_eval.grid.axes import AXES, NAMES, VELOCITY, Axis, named
+from blurnoise_eval.plan.axes import AXES, NAMES, VELOCITY, Axis, named
 
 CONDITIONS = ("clean", *NAMES)
 """Columns that identify a condition; the original pictures have None on every axis."""

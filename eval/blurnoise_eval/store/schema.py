@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 
-from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.plan.axes import NAMES
 from blurnoise_eval.store.columns import (
     ANY_TEXT,
     BIG,
