@@ -53,7 +53,7 @@ def result(index, *, detections=NOTHING, targets=1, **changes):
     answers = [
         answer(number, confidence=0.1 * (index + 1), confidence_swept=0.05) for number in range(targets)
     ]
-    return cell(f"cell{index}", answers, detections, **(about | changes))
+    return cell(answers=answers, found=detections, **({"cell_id": f"cell{index}"} | about | changes))
 
 
 def with_cell(of, **changes):

@@ -5,6 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+import stored_rows
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
@@ -79,7 +80,7 @@ def test_the_smaller_copy_is_the_picture_averaged():
 
 def output(*confidences):
     rows = tuple(
-        {"target_id": 2 * number, "confidence": confidence} for number, confidence in enumerate(confidences)
+        stored_rows.answer(2 * number, confidence=confidence) for number, confidence in enumerate(confidences)
     )
     return ModelOutput(NOTHING, rows, 1.0, None, 0)
 
@@ -130,7 +131,7 @@ def test_the_best_exposure_saturates_little_where_another_such_works():
 def test_boxes_are_found_missed_or_others():
     def target(x, confidence):
         box = {"x0": x, "y0": 20.0, "x1": x + 30, "y1": 50.0, "width_px": 30.0, "height_px": 30.0}
-        return {**box, "confidence": confidence, "target_id": x}
+        return stored_rows.answer(x, **box, confidence=confidence)
 
     boxes_xyxy = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
     detections = Detections(boxes_xyxy, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
