@@ -38,16 +38,16 @@ def rows(run):
 
 def frame(run, row):
     """The picture of a row's cell, computed anew."""
-    cell = run.cell(cell_id=str(row["cell_id"]))
+    cell = run.cell(cell_id=row.cell_id)
     return run.expose(run.scene(run.picture(cell.image)), cell).image
 
 
 def test_every_kept_picture_is_computed_anew(run):
-    kept = [row for row in rows(run) if row["example"]]
+    kept = [row for row in rows(run) if row.example]
     assert len(kept) > 4
     for row in kept:
-        if not row["clean"]:
-            assert np.array_equal(frame(run, row), read_picture(run.folder / str(row["example"])))
+        if not row.conditions.original:
+            assert np.array_equal(frame(run, row), read_picture(run.folder / row.example))
 
 
 def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path, monkeypatch):
@@ -59,8 +59,8 @@ def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path, monkeypatch):
     run = Run(
         swept(tmp_path / "run", image_folder(folder), {"exposure_s": (0.02,), "illuminance_lux": (5.0,)})
     )
-    row = next(row for row in rows(run) if row["example"] and not row["clean"])
-    kept = read_picture(run.folder / str(row["example"]))
+    row = next(row for row in rows(run) if row.example and not row.conditions.original)
+    kept = read_picture(run.folder / row.example)
     assert np.array_equal(frame(run, row), kept)
     monkeypatch.setenv("BLURNOISE_STATE", str(tmp_path / "another"))
     with pytest.raises(ValueError, match=r"is outside the folder of the run; --trust .* --images"):
