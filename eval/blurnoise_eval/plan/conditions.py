@@ -205,8 +205,6 @@ class SweepPlan:
                 object.__setattr__(self, name, kind(**value))
         if isinstance(self.trajectory, str):
             object.__setattr__(self, "trajectory", TrajectorySpec.parse(self.trajectory))
-        if self.trajectory is not None and self.objects.boxes == "half":
-            raise ValueError("boxes = 'half': must be object or swept with a trajectory")
         if self.grey_anchor is not None:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         object.__setattr__(self, "picture_tone", picture_tone(self.picture_tone, "picture_tone"))
