@@ -25,8 +25,8 @@ from blurnoise._core.threads import differentiable, same_bits, side_by_side, thr
 from blurnoise.blur import fourier
 from blurnoise.blur.path_otf import Path
 from blurnoise.motion.trajectory import Polyline
-from blurnoise.optics import transfer
-from blurnoise.optics.transfer import SHARP, Optics
+from blurnoise.camera import transfer
+from blurnoise.camera.transfer import SHARP, Optics
 
 Method = Literal["auto", "none", "transfer", "tiles", "kornia"]
 METHODS = get_args(Method)

@@ -14,10 +14,10 @@ from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layer, ObjectMotion, object_motion
 from blurnoise.blur.sub_exposures import flows
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PLANES
-from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PLANES
+from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
 
 Number = TypeVar("Number", float, Tensor)
 

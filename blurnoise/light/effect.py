@@ -15,9 +15,9 @@ from torch import Tensor
 from blurnoise._core.borders import Border
 from blurnoise.light.conditions import Conditions
 from blurnoise.motion.trajectory import Polyline
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.spectra import Floats
-from blurnoise.optics.transfer import SHARP, Optics
+from blurnoise.camera import Camera
+from blurnoise.camera.spectra import Floats
+from blurnoise.camera.transfer import SHARP, Optics
 
 
 class Blur(NamedTuple):

@@ -19,11 +19,11 @@ from blurnoise._core.borders import Border
 from blurnoise.blur import convolution, over_the_field, resampling
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.optics import lens
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.lens import Field, Size
-from blurnoise.optics.spectra import Floats
-from blurnoise.optics.transfer import SHARP, Optics
+from blurnoise.camera import lens
+from blurnoise.camera import Camera
+from blurnoise.camera.lens import Field, Size
+from blurnoise.camera.spectra import Floats
+from blurnoise.camera.transfer import SHARP, Optics
 
 
 class _OverTheField(LightEffect):
@@ -102,7 +102,7 @@ class LateralColour(_OverTheField):
         if light.shape[1] != 3:
             return light
         field, planes = at.camera.field, list(torch.split(light, 1, 1))
-        for place, share in ((0, field.lens.lateral_red), (2, field.lens.lateral_blue)):
+        for place, share in ((0, field.lateral_red), (2, field.lateral_blue)):
             if share:
                 x, y = lens.larger(field, share, _size(light))
                 planes[place] = resampling.sampled(planes[place], x, y, border)
@@ -110,7 +110,7 @@ class LateralColour(_OverTheField):
 
     def how(self, at: Conditions[float]) -> str:
         field = at.camera.field
-        red, blue = field.lens.lateral_red * field.corner_px, field.lens.lateral_blue * field.corner_px
+        red, blue = field.lateral_red * field.corner_px, field.lateral_blue * field.corner_px
         return f"in the corner red {red:+.3g} px, blue {blue:+.3g} px from green: resampled by splines"
 
 
@@ -225,7 +225,7 @@ def _size(light: Tensor) -> Size:
 @lru_cache(maxsize=8)
 def _radii_px(field: Field, defocus_px: float, size: Size) -> Floats:
     """The disc's radius (H, W) in a picture."""
-    return np.asarray(abs(defocus_px + field.lens.field_curvature_px * field.heights(size) ** 2))
+    return np.asarray(abs(defocus_px + field.field_curvature_px * field.heights(size) ** 2))
 
 
 DISTORTION, LATERAL_COLOUR, VIGNETTING = Distortion(), LateralColour(), Vignetting()

@@ -29,7 +29,7 @@ from blurnoise.blur.sub_exposures import SPACING_PX
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DISTORTION
-from blurnoise.optics import transfer
+from blurnoise.camera import transfer
 
 _MARGIN_PX = 8  # of what a fraction of a pixel makes of an edge
 _FAINT = 1e-3  # share of a pixel below which there is no colour
@@ -131,7 +131,7 @@ class Motion(LightEffect):
     name = "motion"
 
     def bound(self, at: Conditions[float]) -> float:
-        """:func:`blurnoise.optics.transfer.motion_error`, or :attr:`blurnoise.motion.trajectory.Polyline.error`."""
+        """:func:`blurnoise.camera.transfer.motion_error`, or :attr:`blurnoise.motion.trajectory.Polyline.error`."""
         moves = displacement(at)
         if moves.polyline is not None:
             return moves.polyline.error
@@ -179,7 +179,7 @@ class MotionVariation(_Moving):
     name = "motion variation"
 
     def bound(self, at: Conditions[float]) -> float:
-        """:func:`blurnoise.optics.transfer.motion_variation_error` of what is farthest from the one motion."""
+        """:func:`blurnoise.camera.transfer.motion_variation_error` of what is farthest from the one motion."""
         return transfer.motion_variation_error(float(at.variation_px))
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:

@@ -22,9 +22,9 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.checks import LARGEST_PICTURE, check_fields, limited, one_of, within
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.lens import SAME_EVERYWHERE, Field
-from blurnoise.optics.spectra import Floats
+from blurnoise.camera import Camera
+from blurnoise.camera.lens import Field
+from blurnoise.camera.spectra import Floats
 
 Lens = Literal["f-theta", "rectilinear"]
 
@@ -176,7 +176,7 @@ class View:
     def _field(self) -> Field | None:
         """Of a lens that images directions X/Z and Y/Z: the calibrated one, or a pinhole."""
         if self.calibrated is None and self.lens == "rectilinear":
-            return Field(SAME_EVERYWHERE, self.width_px, self.height_px, self.hfov_deg, 1.0)
+            return Field(self.width_px, self.height_px, self.hfov_deg)
         return self.calibrated
 
 

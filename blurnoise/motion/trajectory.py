@@ -22,9 +22,9 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import LIMITS, check_fields, in_range, integer, limited, shown
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import windows
-from blurnoise.optics.spectra import Floats
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import windows
+from blurnoise.camera.spectra import Floats
 
 SIMPLIFIED_PX = 0.02  # from a path to its simplified one; at most 2 pi f times it in the transfer function
 _SAG_PX = 1e-3  # of curves between their knots

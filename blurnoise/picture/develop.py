@@ -21,10 +21,10 @@ from blurnoise._core.checks import an_instance, dense, finite
 from blurnoise._core.lookup import look_up, look_up_codes
 from blurnoise._core.luminance import LUMINANCE
 from blurnoise._core.threads import differentiable, same_bits, side_by_side
-from blurnoise.optics import colour
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import Encoding
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import colour
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import Encoding
+from blurnoise.camera.spectra import Curve
 from blurnoise.picture import steps
 from blurnoise.picture.steps import OFFSET, SCALE, Development, PictureStep, by_opencv, padded
 

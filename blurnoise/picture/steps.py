@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from blurnoise._core.checks import an_instance, limited, one_of
-from blurnoise.optics import colour
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import Encoding, Matrix
-from blurnoise.optics.radiometry import clear_shares, filter_electrons
-from blurnoise.optics.spectra import Curve, check_illuminant
+from blurnoise.camera import colour
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import Encoding, Matrix
+from blurnoise.camera.radiometry import clear_shares, filter_electrons
+from blurnoise.camera.spectra import Curve, check_illuminant
 
 GAIN_MAX = 16.0
 """Of the automatic white balance: where the light lacks a colour by more, a tint stays."""

@@ -19,9 +19,9 @@ from blurnoise.light.conditions import Conditions
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Amplified, Camera
-from blurnoise.optics.lens import pixels
-from blurnoise.optics.spectra import Floats
+from blurnoise.camera.camera import Amplified, Camera
+from blurnoise.camera.lens import pixels
+from blurnoise.camera.spectra import Floats
 
 Moves = Literal["all", "targets", "background"]
 MOVES: tuple[Moves, ...] = get_args(Moves)

@@ -16,10 +16,10 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.checks import LIMITS, an_instance, image_batch, in_range, shown
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, factors, windows
-from blurnoise.optics.colour import Encoding
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture, factors, windows
+from blurnoise.camera.colour import Encoding
+from blurnoise.camera.spectra import Curve
 from blurnoise.picture import steps
 from blurnoise.picture.steps import Development
 

@@ -35,11 +35,11 @@ from blurnoise.light.conditions import Conditions
 from blurnoise.light.flicker import Flicker as Flicker
 from blurnoise.light.motion import displaced, readout_of
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, windows
-from blurnoise.optics.colour import Encoding
-from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture, windows
+from blurnoise.camera.colour import Encoding
+from blurnoise.camera.radiometry import electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
 from blurnoise.picture.develop import develop, develop_8bit, in_channels
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.fusion import developed as developed

@@ -14,11 +14,11 @@ from torch import Tensor
 
 from blurnoise._core.checks import Figure, batch_shaped, check_fields, in_range, limited, shown
 from blurnoise._core.luminance import LUMINANCE
-from blurnoise.optics import gain
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, longest_first_s
-from blurnoise.optics.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import gain
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture, longest_first_s
+from blurnoise.camera.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
 
 GREY = 0.18
 _ALLOWED = "must be mean, pNN (a percentile above 0, up to 100) or x0,y0,x1,y1 (px, x1 and y1 not included)"

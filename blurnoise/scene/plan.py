@@ -19,10 +19,10 @@ from blurnoise.light.conditions import Conditions, Number
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics import radiometry
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import photoelectrons
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import radiometry
+from blurnoise.camera import Camera
+from blurnoise.camera.radiometry import photoelectrons
+from blurnoise.camera.spectra import Curve
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
 

@@ -23,8 +23,8 @@ from blurnoise._core.checks import Numbers, image_batch, limited_per_image, one_
 from blurnoise._core.lookup import look_up, look_up_codes
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
 from blurnoise.light.conditions import Conditions
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import dark_electrons
+from blurnoise.camera import Camera
+from blurnoise.camera.radiometry import dark_electrons
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
 

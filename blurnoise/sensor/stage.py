@@ -10,7 +10,7 @@ from typing import Any, Literal
 from torch import Tensor
 
 from blurnoise.light.conditions import Conditions
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`.stages.noisy_electrons`."""

@@ -16,12 +16,12 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise.light.conditions import Conditions
-from blurnoise.optics.camera import DSNU as DSNU_FIGURES
-from blurnoise.optics.camera import PRNU as PRNU_FIGURES
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import FilterCurves, marked
-from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.optics.spectra import Curve, Spectrum
+from blurnoise.camera.sensor import DSNU as DSNU_FIGURES
+from blurnoise.camera.sensor import PRNU as PRNU_FIGURES
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import FilterCurves, marked
+from blurnoise.camera.radiometry import electrons_per_lux_s
+from blurnoise.camera.spectra import Curve, Spectrum
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, SensorStage, signal_bound_e, within_range_dn
 
 

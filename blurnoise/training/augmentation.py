@@ -25,7 +25,7 @@ from blurnoise._core.checks import (
     shown,
 )
 from blurnoise.light import effects
-from blurnoise.optics.colour import PictureTone, picture_tone
+from blurnoise.camera.colour import PictureTone, picture_tone
 from blurnoise.scene.cutting import checked_masks
 from blurnoise.scene.exposure import Exposure
 from blurnoise.sensor.readout import Fidelity

@@ -25,9 +25,9 @@ from blurnoise._core.checks import DRAWN_FROM, LIMITS, an_instance, dense, limit
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import LONGEST_SHAKE, Trajectory, path_duration_s, shake
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import windows
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import windows
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.hdr import amplified, saturations_e
 from blurnoise.scene.metering import AutoExposure

@@ -6,12 +6,12 @@ from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from blurnoise.optics import camera_files
-from blurnoise.optics.camera import PRESETS, Camera
-from blurnoise.optics.colour import FilterCurves
-from blurnoise.optics.lens import Lens
-from blurnoise.optics.radiometry import filter_electrons
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import camera_files
+from blurnoise.camera import PRESETS, Camera
+from blurnoise.camera.colour import FilterCurves
+from blurnoise.camera.lens import Lens
+from blurnoise.camera.radiometry import filter_electrons
+from blurnoise.camera.spectra import Curve
 
 if TYPE_CHECKING:
     from rich.table import Table

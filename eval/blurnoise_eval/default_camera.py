@@ -11,8 +11,8 @@ import numpy as np
 from torch import Tensor
 
 from blurnoise._core import usual
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PLANES, Cfa, srgb_from_linear
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PLANES, Cfa, srgb_from_linear
 from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
 
 THREE_SENSORS = "imx250"

@@ -9,8 +9,8 @@ import yaml
 
 import blurnoise
 from blurnoise import Camera, Curve
-from blurnoise.optics.camera import PRESETS
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera import PRESETS
+from blurnoise.camera.radiometry import electrons_per_lux_s
 
 IMX250 = PRESETS["imx250"]
 OWN = {
@@ -31,7 +31,7 @@ def written(path, values):
 
 
 def test_every_file_of_the_package_is_a_preset():
-    files = Path(blurnoise.__file__).parent.joinpath("optics", "data", "cameras").glob("*.yaml")
+    files = Path(blurnoise.__file__).parent.joinpath("camera", "data", "cameras").glob("*.yaml")
     assert sorted(PRESETS) == sorted(file.stem for file in files)
 
 

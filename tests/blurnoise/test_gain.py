@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from blurnoise import AutoExposure, Camera
-from blurnoise.optics.camera import ConversionGain, MeasuredGain
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera.gain import ConversionGain, MeasuredGain
+from blurnoise.camera.radiometry import electrons_per_lux_s
 
 IMX250 = Camera.preset("imx250")
 DUAL = replace(

@@ -14,7 +14,7 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
 from blurnoise.metrics import information, patches, slanted_edge
-from blurnoise.optics.captures import staggered
+from blurnoise.camera.captures import staggered
 from blurnoise.scene.hdr import captured, pictures
 from blurnoise.training.pictures import expose_pictures
 

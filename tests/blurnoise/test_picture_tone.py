@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from blurnoise import Camera, ExposedScene, RandomExposure, simulate
-from blurnoise.optics.colour import toned, untoned
+from blurnoise.camera.colour import toned, untoned
 
 LIGHT = np.linspace(0.0, 1.0, 201)
 POINTS = (

@@ -12,7 +12,7 @@ from blurnoise import Camera, ExposedScene, Exposure, RandomExposure, photoelect
 from blurnoise._core import threads
 from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
-from blurnoise.optics.camera import DARK_NOISE
+from blurnoise.camera.sensor import DARK_NOISE
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.sensor import readout, stages
 from blurnoise.sensor.readout import read_out

@@ -13,7 +13,7 @@ from blurnoise_models.detector import STOP_SIGN
 from blurnoise_models.scenes import write_coco
 
 from blurnoise import Camera, charts
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 
 SIZE_PX = 128
 PHOTOS = ("photo-0.png", "photo-1.png", "photo-2.png")  # by their names, either half of --part has some

@@ -12,7 +12,7 @@ from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_sto
 from made_tables import on_plane, table
 from plans import IMX250, OWN
 
-from blurnoise.optics.camera import PRESETS
+from blurnoise.camera import PRESETS
 
 KEEP = Criterion(0.9, True)
 

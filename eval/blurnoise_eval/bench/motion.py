@@ -23,7 +23,7 @@ from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import shake
-from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
+from blurnoise.camera.colour import linear_from_srgb, srgb_from_linear
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 
 HEIGHT, WIDTH, EXPOSURE_S = 480, 640, 0.01

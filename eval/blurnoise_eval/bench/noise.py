@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.sensor.readout import read_out
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 

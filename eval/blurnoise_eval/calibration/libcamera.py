@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from blurnoise._core.files import read_document
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import FilterCurves
-from blurnoise.optics.lens import Lens, RelativeIllumination
-from blurnoise.optics.radiometry import filter_electrons
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import FilterCurves
+from blurnoise.camera.lens import Lens, RelativeIllumination
+from blurnoise.camera.radiometry import filter_electrons
 from blurnoise_eval.calibration.frames import Floats, refuse
 from blurnoise_eval.calibration.light import scaled, tied
 from blurnoise_eval.calibration.to_camera import Known, changed, on_base

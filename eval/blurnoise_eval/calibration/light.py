@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics import lens, radiometry
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import FilterCurves
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import lens, radiometry
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import FilterCurves
+from blurnoise.camera.spectra import Curve
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.levels import columns
 from blurnoise_eval.calibration.structure import Z

@@ -21,7 +21,8 @@ import numpy as np
 
 from blurnoise._core.checks import one_of
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.camera import PRESETS, Camera, MeasuredGain
+from blurnoise.camera import PRESETS, Camera
+from blurnoise.camera.gain import MeasuredGain
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.frames import refuse
 from blurnoise_eval.calibration.headers import Tags, directories, linearized, numbers

@@ -99,7 +99,7 @@ def cameras_fit(
     too). The exposures come from EXIF or from frames.csv (file, exposure_s).
     """
     from blurnoise._core import checks
-    from blurnoise.optics.camera import PRESETS
+    from blurnoise.camera import PRESETS
     from blurnoise_eval.calibration import to_camera
     from blurnoise_eval.cameras import figures
 

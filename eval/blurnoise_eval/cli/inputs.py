@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from blurnoise_eval.system.terminal import say_wrapped
 
 if TYPE_CHECKING:
-    from blurnoise.optics.camera import Camera
-    from blurnoise.optics.colour import Cfa
+    from blurnoise.camera import Camera
+    from blurnoise.camera.colour import Cfa
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.grid.plan_file import PlanFile, Taking
@@ -44,7 +44,7 @@ def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | N
 
 def about_lux(config: Taking, camera: Camera) -> str | None:
     """A line on how lux are calibrated, if the user sets lux for a camera of their own file."""
-    from blurnoise.optics.camera import PRESETS
+    from blurnoise.camera import PRESETS
     from blurnoise_eval.calibration.light import lux_text
 
     has_lux = getattr(config, "lux", None) is not None

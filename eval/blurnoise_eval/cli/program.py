@@ -31,7 +31,7 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     mode for the tuning file of a Raspberry Pi camera.
     """
     from blurnoise._core.checks import in_range
-    from blurnoise.optics.captures import longest_first_s
+    from blurnoise.camera.captures import longest_first_s
     from blurnoise_eval.program import report
     from blurnoise_eval.program import scenario as of
     from blurnoise_eval.program.optimise import optimise

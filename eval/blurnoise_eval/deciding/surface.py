@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.scene import hdr
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.deciding.question import STEP, Question, exposures_on, spread

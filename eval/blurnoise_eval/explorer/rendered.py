@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from torch.nn.functional import avg_pool2d
 
 from blurnoise.light.conditions import middle_of
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.optics.radiometry import photoelectrons
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import srgb_from_linear
+from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.scene.exposure import Exposure
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import windows

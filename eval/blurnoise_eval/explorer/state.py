@@ -16,8 +16,8 @@ from urllib.parse import parse_qsl, urlencode
 
 from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.optics import figures as camera_figures
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import figures as camera_figures
+from blurnoise.camera import Camera
 from blurnoise_eval.grid import axes
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, GAIN, MOVES, VELOCITY, Axis, number
 from blurnoise_eval.grid.conditions import Conditions

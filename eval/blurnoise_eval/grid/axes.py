@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from blurnoise._core import usual
 
 if TYPE_CHECKING:
-    from blurnoise.optics.camera import Camera
+    from blurnoise.camera import Camera
 
 AUTOMATIC = math.inf
 """The value of an axis that the camera sets itself, for each picture; "auto" in tables."""

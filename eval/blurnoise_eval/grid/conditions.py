@@ -20,8 +20,8 @@ import numpy as np
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, limited
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PictureTone, picture_tone
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone, picture_tone
 from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor
 from blurnoise.scene.scene import Exposure
 from blurnoise_eval.grid.axes import (

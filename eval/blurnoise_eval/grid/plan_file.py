@@ -16,7 +16,7 @@ from blurnoise_eval.grid.settings import Settings, setting
 
 if TYPE_CHECKING:
     from blurnoise.motion.ego import Vehicle
-    from blurnoise.optics.colour import PictureTone
+    from blurnoise.camera.colour import PictureTone
     from blurnoise.scene.metering import AutoExposure
     from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.grid.objects import Objects
@@ -74,7 +74,7 @@ def tone_of(given: object) -> PictureTone:
     Raises ``ValueError``.
     """
     from blurnoise._core.files import read_document
-    from blurnoise.optics.colour import picture_tone
+    from blurnoise.camera.colour import picture_tone
 
     value: Any = given
     if isinstance(given, str) and ":" in given and not given.endswith((".yaml", ".yml", ".json")):

@@ -42,7 +42,7 @@ class Settings:
     def records() -> dict[str, Any]:
         """Types of fields that are imported only when a file is read, by name."""
         from blurnoise.motion.ego import Vehicle
-        from blurnoise.optics.colour import PictureTone
+        from blurnoise.camera.colour import PictureTone
         from blurnoise.scene.metering import AutoExposure
         from blurnoise_eval.grid.objects import Objects
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import dark_electrons
+from blurnoise.camera import Camera
+from blurnoise.camera.radiometry import dark_electrons
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.answers.table import ORDER, ScoreTable
 from blurnoise_eval.cameras import behind_one_filter

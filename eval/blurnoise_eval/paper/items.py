@@ -19,8 +19,8 @@ from typing import Any
 from scipy.stats import spearmanr
 
 from blurnoise.motion.ego import blur_pixels
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import photoelectrons
+from blurnoise.camera import Camera
+from blurnoise.camera.radiometry import photoelectrons
 from blurnoise_eval.paper import measurement
 from blurnoise_eval.paper.item import Check, Curve, Figure, Item, Parts, Range, even, falling, near, within
 from blurnoise_eval.paper.measurement import CAMERA, Chain, Grid, Measurements, NotRun

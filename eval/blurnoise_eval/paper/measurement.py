@@ -23,8 +23,8 @@ import torch
 from blurnoise import charts, simulate
 from blurnoise.metrics import Flag, slanted_edge
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise_eval.datasets import RENDERED_SIZE_PX, Image, Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan, cell_seed

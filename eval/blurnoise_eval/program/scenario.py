@@ -21,7 +21,7 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import Figure, in_range, limited, one_of
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.deciding.question import exposures_on
 

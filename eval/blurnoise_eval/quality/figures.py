@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise_eval.grid.axes import SETTING, axis, setting_of, velocity_of, velocity_text
 from blurnoise_eval.plots import style
 from blurnoise_eval.quality.linear import Linear

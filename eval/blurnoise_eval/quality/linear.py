@@ -23,7 +23,7 @@ from blurnoise._core.luminance import LUMINANCE
 from blurnoise.metrics import SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.values import CLIPPED_SHARE, Roi
-from blurnoise.optics.colour import linear_from_srgb
+from blurnoise.camera.colour import linear_from_srgb
 from blurnoise_eval.datasets import Image
 
 Coding = Literal["auto", "srgb", "linear"]

@@ -32,8 +32,8 @@ from blurnoise.light.conditions import of_one_exposure
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
 from blurnoise.metrics.values import BatchEstimate, Estimate
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import photoelectrons
+from blurnoise.camera import Camera
+from blurnoise.camera.radiometry import photoelectrons
 from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.grid.axes import EGO, MOVES, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed

@@ -16,10 +16,10 @@ from blurnoise._core.rng import LAST_SEED
 from blurnoise.blur.layers import object_motion, seen_behind
 from blurnoise.light.conditions import middle_of
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, staggered, windows
-from blurnoise.optics.radiometry import filter_electrons, photoelectrons
-from blurnoise.optics.spectra import Curve, illuminant
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture, staggered, windows
+from blurnoise.camera.radiometry import filter_electrons, photoelectrons
+from blurnoise.camera.spectra import Curve, illuminant
 from blurnoise.picture.develop import in_channels
 from blurnoise.scene import hdr
 from blurnoise.scene.cutting import Cut

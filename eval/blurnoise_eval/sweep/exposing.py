@@ -22,10 +22,10 @@ from blurnoise._core.checks import limited_motion
 from blurnoise.light.conditions import Conditions as LightConditions
 from blurnoise.light.motion import readout_of
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, longest_first_s, windows
-from blurnoise.optics.colour import PictureTone
-from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture, longest_first_s, windows
+from blurnoise.camera.colour import PictureTone
+from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.scene import hdr
 from blurnoise.scene.fusion import readers_of

@@ -11,7 +11,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.scene.scene import Exposure
 from blurnoise_eval.grid.axes import NAMES, axis
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan

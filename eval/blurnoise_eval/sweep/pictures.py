@@ -13,7 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.grid.axes import CORE

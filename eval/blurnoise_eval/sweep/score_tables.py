@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.picture.develop import tones_8bit
 from blurnoise_eval.answers import criterion as criteria
 from blurnoise_eval.answers.clusters import cluster_of

@@ -18,8 +18,8 @@ import numpy as np
 import torch
 
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PictureTone
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
 from blurnoise_eval.datasets.likeness import look

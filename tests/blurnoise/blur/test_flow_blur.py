@@ -11,8 +11,8 @@ from blurs import flow_blur
 from blurnoise import Camera, motion_blur, plan, simulate
 from blurnoise._core.borders import BORDERS
 from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
-from blurnoise.optics import transfer
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera import transfer
+from blurnoise.camera.colour import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
 VIEW = View(61, 47, 60.0, "rectilinear")

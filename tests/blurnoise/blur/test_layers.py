@@ -16,7 +16,7 @@ from blurnoise.blur import sub_exposures as blur_sub_exposures
 from blurnoise.blur.layers import object_motion, seen_behind
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.motion import OBJECTS
-from blurnoise.optics.captures import staggered
+from blurnoise.camera.captures import staggered
 from blurnoise.scene import cutting
 from blurnoise.scene.hdr import captured
 

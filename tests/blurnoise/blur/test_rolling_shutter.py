@@ -17,7 +17,7 @@ from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import moved
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
-from blurnoise.optics.lens import Distortion, Lens
+from blurnoise.camera.lens import Distortion, Lens
 
 ROW_S, EXPOSURE_S = 3e-4, 0.01
 SIZE = (41, 67)

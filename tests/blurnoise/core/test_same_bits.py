@@ -7,7 +7,7 @@ import torch
 
 import blurnoise
 from blurnoise import Camera
-from blurnoise.optics.camera_files import PRESETS
+from blurnoise.camera.camera_files import PRESETS
 
 PICTURES = torch.rand(2, 3, 20, 27, generator=torch.Generator().manual_seed(1))
 LIT = {"exposure_s": 0.01, "illuminance_lux": 100.0}

@@ -18,7 +18,7 @@ from blurnoise.metrics.information import (
     shannon_capacity_square,
     square_integral,
 )
-from blurnoise.optics import transfer
+from blurnoise.camera import transfer
 
 DOUBLE = torch.float64
 SNR_300 = {"signal_pp": 60.0, "noise_variance": 1.0}  # 60² / 12

@@ -10,7 +10,7 @@ from projection import projected
 
 from blurnoise import Camera, blur_pixels, velocity_px_s
 from blurnoise.motion.ego import EgoMotion, Lens, Vehicle, View, range_of_depth_m
-from blurnoise.optics import lens as lenses
+from blurnoise.camera import lens as lenses
 
 HD = View(1920, 1080, 60.0, "rectilinear")  # f = 1662.77 px
 FAST_M_S = 100 / 3.6

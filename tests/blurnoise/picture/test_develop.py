@@ -12,9 +12,9 @@ import torch
 
 from blurnoise import Camera, develop, simulate
 from blurnoise._core.lookup import look_up
-from blurnoise.optics import colour
-from blurnoise.optics.colour import FilterCurves, srgb_from_linear
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera import colour
+from blurnoise.camera.colour import FilterCurves, srgb_from_linear
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.picture import steps
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated
 from blurnoise.picture.steps import demosaic

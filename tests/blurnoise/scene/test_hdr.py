@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from blurnoise import AutoExposure, Camera, ExposedScene, Exposure, Trajectory, simulate
 from blurnoise.light.flicker import Flicker, Pwm
-from blurnoise.optics.captures import Capture, staggered
-from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera.captures import Capture, staggered
+from blurnoise.camera.colour import srgb_from_linear
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.scene import fusion, hdr
 from blurnoise.scene.hdr import captured, developed, fuse
 

@@ -21,8 +21,8 @@ from blurnoise import (
     photoelectrons,
     simulate,
 )
-from blurnoise.optics.camera import PRESETS
-from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
+from blurnoise.camera import PRESETS
+from blurnoise.camera.colour import linear_from_srgb, srgb_from_linear
 from blurnoise.scene.metering import AutoExposure, GreyAnchor, anchored, mean_luma
 
 CAMERA = Camera.preset("imx250")

@@ -8,9 +8,9 @@ import torch
 from generic_filters import behind_generic_filters
 
 from blurnoise import Camera, ExposedScene, Exposure, develop, photoelectrons, simulate
-from blurnoise.optics import radiometry
-from blurnoise.optics.colour import FilterCurves, inverse
-from blurnoise.optics.radiometry import colour_shares, filter_electrons
+from blurnoise.camera import radiometry
+from blurnoise.camera.colour import FilterCurves, inverse
+from blurnoise.camera.radiometry import colour_shares, filter_electrons
 from blurnoise.picture.develop import develop_8bit, in_channels
 from blurnoise.picture.steps import magnification
 

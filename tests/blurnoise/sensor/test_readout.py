@@ -9,8 +9,8 @@ import torch
 from scipy.stats import norm, poisson
 
 from blurnoise import Camera
-from blurnoise.optics.camera import PRESETS
-from blurnoise.optics.radiometry import dark_electrons, photoelectrons
+from blurnoise.camera import PRESETS
+from blurnoise.camera.radiometry import dark_electrons, photoelectrons
 from blurnoise.picture.develop import develop
 from blurnoise.sensor import readout as sensor
 from blurnoise.sensor.stages import noisy_electrons

@@ -12,8 +12,8 @@ from batches import one_of, pictures
 
 from blurnoise import Camera, RandomExposure, develop, simulate
 from blurnoise.light.flicker import Flicker, Pwm
-from blurnoise.optics.captures import Capture, staggered
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera.captures import Capture, staggered
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.scene import hdr
 from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import ExposureRanges

@@ -18,7 +18,7 @@ from torch.nn.functional import avg_pool2d
 
 from blurnoise import Camera, develop, simulate
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.colour import linear_from_srgb
+from blurnoise.camera.colour import linear_from_srgb
 from blurnoise.scene import cutting
 from blurnoise.training.augmentation import RandomExposure
 from blurnoise.training.labels import velocity_px_s

@@ -16,7 +16,7 @@ from kornia.augmentation import (
 
 from blurnoise import Camera, RandomExposure, labels_numpy
 from blurnoise.motion.trajectory import shake
-from blurnoise.optics.lens import Distortion, Lens
+from blurnoise.camera.lens import Distortion, Lens
 from blurnoise.training.labels import keypoints_after, masks_after, of_targets
 from blurnoise.training.pictures import expose_pictures
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 from blurnoise_eval.calibration.fit import measure
 
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 
 CAMERA = replace(
     made_frames.drawn_camera(2),

@@ -12,7 +12,7 @@ from blurnoise_eval.datasets import write_picture
 from commands import main, told
 
 from blurnoise import Camera
-from blurnoise.optics.camera import PRESETS
+from blurnoise.camera import PRESETS
 
 CAMERA = replace(
     made_frames.drawn_camera(2),

@@ -16,8 +16,8 @@ from blurnoise import Camera, ExposedScene, Trajectory, photoelectrons, simulate
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import EgoMotion, Vehicle, View
 from blurnoise.motion.trajectory import from_text, path_duration_s, shake
-from blurnoise.optics.captures import staggered
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.captures import staggered
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.scene.hdr import captured, developed, fuse
 

@@ -13,7 +13,7 @@ from signs_in_memory import CAMERA as SMALL_CAMERA
 from signs_in_memory import picture, sign
 
 from blurnoise import Camera
-from blurnoise.optics.captures import Capture, staggered
+from blurnoise.camera.captures import Capture, staggered
 
 EXPOSURES_S = 0.001, 0.09
 LINES = tuple(Line(lux, (speed, 0.0)) for lux in (3.0, 50.0, 1000.0) for speed in (0.0, 40.0, 900.0))

@@ -19,7 +19,7 @@ from onnx import parser
 
 from blurnoise import motion_blur
 from blurnoise.charts import stop_sign, stop_sign_text_box
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 
 # Pictures enter at their own size, and crops hold little beside the bands, whose mean the recogniser reads.
 NATIVE = {"min_side_px": 1, "unclip": 0.3}

@@ -10,7 +10,7 @@ from blurnoise_eval.explorer.state import FIGURES, STEPS, State, controls, key, 
 from blurnoise_eval.grid.axes import AUTOMATIC, AXES
 
 from blurnoise.light.effects import EFFECTS
-from blurnoise.optics.camera import PRESETS
+from blurnoise.camera import PRESETS
 from blurnoise.sensor.stages import STAGES
 
 USUAL = State()

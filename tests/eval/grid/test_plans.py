@@ -17,7 +17,7 @@ from signs_in_memory import CAMERA, PLAN, TWO, matched_detector, rows_of
 from blurnoise import Exposure
 from blurnoise._core.checks import LIMITS
 from blurnoise.motion.ego import Vehicle, View
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.scene.exposure import MOVES
 
 AT = Conditions(exposure_s=0.01, illuminance_lux=50, velocity_x_px_s=300.0, velocity_y_px_s=-400.0)

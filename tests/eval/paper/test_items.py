@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 from blurnoise.blur import convolution
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 
 WITHHELD = Estimate(math.nan)
 ITEM = {item.name: item for item in items.ITEMS}

@@ -15,7 +15,7 @@ from plans import plan as swept
 from blurnoise import Camera
 from blurnoise.metrics import information
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.radiometry import photoelectrons
+from blurnoise.camera.radiometry import photoelectrons
 
 CAMERA = Camera.preset("imx250")
 LUX = 50.0

@@ -25,7 +25,7 @@ from signs_in_memory import BOX, CAMERA, matched_detector, noise, picture, pictu
 
 from blurnoise import AutoExposure, Exposure, photoelectrons
 from blurnoise.light.flicker import Pwm
-from blurnoise.optics.captures import Capture, longest_first_s, staggered, windows
+from blurnoise.camera.captures import Capture, longest_first_s, staggered, windows
 
 HDR = replace(CAMERA, captures=staggered(16))
 ROLLING = replace(CAMERA, row_time_s=2e-5, shutter="rolling")

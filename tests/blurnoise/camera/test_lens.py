@@ -17,8 +17,8 @@ from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION
 from blurnoise.light.motion import MOTION
-from blurnoise.optics import lens as lenses
-from blurnoise.optics.lens import Distortion, Lens, Mtf, RelativeIllumination
+from blurnoise.camera import lens as lenses
+from blurnoise.camera.lens import Distortion, Lens, Mtf, RelativeIllumination
 
 SENSOR = replace(Camera.preset("imx250"), width_px=640, height_px=480, hfov_deg=90.0)
 H, W = 61, 87

@@ -10,10 +10,10 @@ from blurnoise_eval.cameras import behind_one_filter
 from generic_filters import behind_generic_filters
 
 from blurnoise import Camera, Curve, photoelectrons
-from blurnoise.optics import spectra
-from blurnoise.optics.camera import PRESETS
-from blurnoise.optics.colour import FilterCurves, inverse, normalised
-from blurnoise.optics.radiometry import clear_shares, colour_shares, electrons_per_lux_s, filter_electrons
+from blurnoise.camera import spectra
+from blurnoise.camera import PRESETS
+from blurnoise.camera.colour import FilterCurves, inverse, normalised
+from blurnoise.camera.radiometry import clear_shares, colour_shares, electrons_per_lux_s, filter_electrons
 from blurnoise.picture.steps import GAIN_MAX, magnification, matrix, site_gains
 
 REFERENCE = Path(__file__).resolve().parents[3].parent / "shared" / "reference" / "spectra"

@@ -20,10 +20,10 @@ from torch import Tensor
 
 from blurnoise._core.checks import an_instance, limited
 from blurnoise._core.threads import plain
-from blurnoise.optics import colour
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import FilterCurves, Row
-from blurnoise.optics.spectra import Curve, check_illuminant, photons_per_lux_s_um2
+from blurnoise.camera import colour
+from blurnoise.camera.camera import Camera
+from blurnoise.camera.colour import FilterCurves, Row
+from blurnoise.camera.spectra import Curve, check_illuminant, photons_per_lux_s_um2
 
 BANDS_NM = ((580.0, 700.0), (490.0, 580.0), (400.0, 490.0))  # red, green and blue of a picture
 _LEAST_GREEN = 0.05
@@ -38,7 +38,7 @@ def photoelectrons(
 
     E T p^2 tau / (4 N^2) * integral W Q lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al., Sensors
     2024, 24, 5135, eq. 9-13, without the rounding of h. illuminance_lux and exposure_s >= 0; illuminant: a name or
-    a curve (see :func:`blurnoise.optics.spectra.illuminant`). Raises ``TypeError`` or ``ValueError`` naming the
+    a curve (see :func:`blurnoise.camera.spectra.illuminant`). Raises ``TypeError`` or ``ValueError`` naming the
     argument.
     """
     an_instance("camera", camera, Camera)
