@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from blurnoise.blur.convolution import defocus, motion_blur
     from blurnoise.blur.layers import Layer, expose_layers
-    from blurnoise.light.flicker import Pwm
-    from blurnoise.metrics import slanted_edge
-    from blurnoise.motion.ego import blur_pixels, velocity_px_s
-    from blurnoise.motion.trajectory import Trajectory
     from blurnoise.camera import Camera
     from blurnoise.camera.captures import Capture
     from blurnoise.camera.radiometry import photoelectrons
     from blurnoise.camera.spectra import Curve
     from blurnoise.camera.transfer import Optics
+    from blurnoise.light.flicker import Pwm
+    from blurnoise.metrics import slanted_edge
+    from blurnoise.motion.ego import blur_pixels, velocity_px_s
+    from blurnoise.motion.trajectory import Trajectory
     from blurnoise.picture.develop import develop
     from blurnoise.scene.exposure import Exposure
     from blurnoise.scene.metering import AutoExposure

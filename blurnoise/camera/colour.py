@@ -74,7 +74,7 @@ def marked(curves: Spectrum | FilterCurves) -> str:
 
 
 def check_filters(cfa: str, curves: Spectrum | FilterCurves) -> None:
-    """Raise ``TypeError`` or ``ValueError`` unless the quantum efficiency has a curve for each filter of the mosaic."""
+    """Raise ``TypeError`` or ``ValueError`` unless each filter of the mosaic has a quantum efficiency."""
     stated = dict(curves.stated()) if isinstance(curves, FilterCurves) else {}
     if not isinstance(curves, FilterCurves):
         check_shares("quantum_efficiency", curves)

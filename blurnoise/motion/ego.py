@@ -258,8 +258,8 @@ class Vehicle:
         if self.hfov_deg is not None:
             return View(width, height, self.hfov_deg, lens)
         if self.lens is None and camera.lens.displaces:
-            return View(width, height, camera.hfov_deg, calibrated=camera.field)
-        sensor = View(camera.width_px, camera.height_px, camera.hfov_deg, lens)
+            return View(width, height, camera.lens.hfov_deg, calibrated=camera.field)
+        sensor = View(camera.sensor.width_px, camera.sensor.height_px, camera.lens.hfov_deg, lens)
         half = width / 2 / (sensor.focal_px * camera.field.per_sensor_px(size))
         half_deg = math.degrees(half if lens == "f-theta" else math.atan(half))
         return View(width, height, 2 * half_deg, lens)

@@ -238,11 +238,13 @@ def per_picture(
 def path_duration_s(camera: Camera, exposure_s: float) -> float:
     """Duration of a path about mid-exposure that covers every row and capture, s: exposure plus read-out."""
     ends = (
-        [sum(window) for window in windows(camera.captures, exposure_s)] if camera.captures else [exposure_s]
+        [sum(window) for window in windows(camera.sensor.captures, exposure_s)]
+        if camera.sensor.captures
+        else [exposure_s]
     )
     return (
         max(exposure_s, *(2 * end_s - exposure_s for end_s in ends))
-        + 2 * camera.row_time_s * camera.height_px
+        + 2 * camera.sensor.row_time_s * camera.sensor.height_px
     )
 
 

@@ -13,8 +13,8 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 
 import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
-from blurnoise.metrics import information, patches, slanted_edge
 from blurnoise.camera.captures import staggered
+from blurnoise.metrics import information, patches, slanted_edge
 from blurnoise.scene.hdr import captured, pictures
 from blurnoise.training.pictures import expose_pictures
 
@@ -64,13 +64,13 @@ METERED |= {"row_time_s": 1e-5, "gain_max_db": 24.0}
 
 
 def fixed_pattern(shape):
-    return CAMERA.fixed_pattern(shape, 0)
+    return CAMERA.sensor.fixed_pattern(shape, 0)
 
 
 CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.Camera, {**FIGURES, "quantum_efficiency": 0.5}),
     (fixed_pattern, {"shape": (1, 24, 31)}),
-    (CAMERA.dark_variance_dn2, {"dark_e": 0.0}),
+    (CAMERA.sensor.dark_variance_dn2, {"dark_e": 0.0}),
     (blurnoise.Layer, LAYER),
     (blurnoise.expose_layers, {**MOVED, "background": PICTURES, "layers": [blurnoise.Layer(**LAYER)]}),
     (blurnoise.Curve, {"wavelengths_nm": (400.0, 700.0), "values": (0.1, 0.2)}),

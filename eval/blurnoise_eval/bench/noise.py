@@ -7,7 +7,6 @@ mean electrons into shot noise, read noise, gain, black level, rounding and limi
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import partial
 from itertools import product
 
@@ -17,6 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise.camera import Camera
+from blurnoise.camera.lens import Lens
+from blurnoise.camera.sensor import Sensor
 from blurnoise.sensor.readout import read_out
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 
@@ -24,10 +25,12 @@ MEANS_E = (1.0, 10.0, 100.0, 1000.0)
 READ_NOISES_E = (2.44, 0.3)
 BLACK_DN, FULL_SCALE_DN = 32, 65535
 _CAMERA = Camera(
-    name="bench", pixel_pitch_um=3.45, f_number=1.4, transmission=1.0, quantum_efficiency=1.0,
-    full_well_e=float(FULL_SCALE_DN), system_gain_dn_per_e=1.0, read_noise_e=2.44, black_level_dn=float(BLACK_DN),
-    bit_depth=16,
-)  # fmt: skip
+    "bench",
+    Lens(f_number=1.4, transmission=1.0),
+    Sensor(
+        3.45, 1.0, float(FULL_SCALE_DN), 1.0, read_noise_e=2.44, black_level_dn=float(BLACK_DN), bit_depth=16
+    ),
+)
 Law = NDArray[np.float64]
 
 
@@ -72,7 +75,7 @@ def digital(electrons: Tensor) -> Tensor:
 def _case(shape: tuple[int, ...], read_noise_e: float, mean_e: float) -> Case:
     means, law = torch.full(shape, mean_e), exact_law(mean_e, read_noise_e)
     ours = partial(
-        read_out, means, replace(_CAMERA, read_noise_e=read_noise_e), exposure_s=0.0, temperature_c=20.0,
+        read_out, means, _CAMERA.with_figures(read_noise_e=read_noise_e), exposure_s=0.0, temperature_c=20.0,
         generator=range(shape[0]),
     )  # fmt: skip
 

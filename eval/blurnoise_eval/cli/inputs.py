@@ -29,7 +29,7 @@ def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> 
     camera = default_camera(colour=colour, cfa=cfa) if name is None else find(name)
     if cfa is None:
         return camera
-    return replace(camera, cfa=cfa, sources={**camera.sources, "cfa": "from the command line"})
+    return camera.with_figures(cfa=cfa, sources={**camera.sources, "cfa": "from the command line"})
 
 
 def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | None]:
@@ -38,7 +38,7 @@ def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | N
 
     named = plan.camera is not None
     chosen = camera(plan.camera, cfa=plan.cfa) if named else default_for(pictures, plan.cfa)
-    about = camera_text(chosen, colour=chosen.cfa != "none" or in_colour(pictures))
+    about = camera_text(chosen, colour=chosen.sensor.cfa != "none" or in_colour(pictures))
     return chosen, "; ".join(filter(None, [about, about_lux(plan, chosen)])) or None
 
 

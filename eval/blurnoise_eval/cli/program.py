@@ -47,14 +47,14 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
         criterion = criterion_of(opened, config.threshold, config.keep, config.score)
         inputs = inputs_of(opened.store, criterion, cluster_of_run(opened, config.cluster), config.model)
         camera, own = inputs.metering.camera, inputs.scenario
-        shortest_s = camera.row_time_s or of.PREGIUS_LEAST_S
+        shortest_s = camera.sensor.row_time_s or of.PREGIUS_LEAST_S
         within_s = 1 / config.fps - config.readout_ms / 1e3
         limits = of.Limits(
             frame_rate_hz=config.fps,
             readout_s=config.readout_ms / 1e3,
             mains_hz=float(config.anti_flicker or 0),
             led=config.led,
-            longest_s=longest_first_s(camera.captures, within_s) if camera.captures else 3600.0,
+            longest_s=longest_first_s(camera.sensor.captures, within_s) if camera.sensor.captures else 3600.0,
             gain_max_db=config.most_gain_db,
             row_time_s=config.line_time_us / 1e6,
             least_exposure_s=shortest_s

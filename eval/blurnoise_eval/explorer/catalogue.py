@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache, lru_cache, partial
 from itertools import count
 from pathlib import Path
@@ -16,6 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from blurnoise.camera import PRESETS, Camera
+from blurnoise.camera.camera_files import RECORD_OF
 from blurnoise_eval.datasets import Picture, read_picture, rendered_signs
 from blurnoise_eval.default_camera import default_camera, is_grey
 from blurnoise_eval.detectors.detector import Detector
@@ -170,14 +171,12 @@ class Catalogue:
         taken = [f"seed={state.seed}", *["run=run"] * state.picture.startswith(f"{OF_RUN}/")]
         taken += [f"{name}={_value(name, value)!r}" for name, value in state.at.stated.items() if value]
         own, camera = self.camera(replace(state, figures=())), self.camera(state)
-        both = {
-            entry.name: (getattr(own, entry.name), getattr(camera, entry.name)) for entry in fields(Camera)
-        }
+        both = {name: (own.figure(name), camera.figure(name)) for name in RECORD_OF}
         figures = _keywords({name: new for name, (old, new) in both.items() if new != old})
         body = [
             f"picture = {picture}",
             f"camera = {by}",
-            *[f"camera = replace(camera, {figures})"] * bool(figures),
+            *[f"camera = camera.with_figures({figures})"] * bool(figures),
             "seen = expose(",
             *(f"    {each}," for each in ("picture", "camera", *taken)),
             ")",

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from torch.nn.functional import avg_pool2d
 
-from blurnoise.light.conditions import middle_of
 from blurnoise.camera import Camera
 from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.camera.radiometry import photoelectrons
+from blurnoise.light.conditions import middle_of
 from blurnoise.scene.exposure import Exposure
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import windows
@@ -163,9 +163,11 @@ class Subject:
         if at[EGO.name] or at[MOVES.name] or self.scene.lamps is not None:
             raise ValueError("preview: needs one motion of the whole picture, and no lamps")
         slower = {name: (at[name] or 0.0) / n for name in VELOCITY}
-        defocus_px = at.exposure(camera).camera.defocus_radius_px / n
+        defocus_px = at.exposure(camera).camera.lens.defocus_radius_px / n
         cell = Cell("preview", 0, Conditions(**{**at, **slower, "defocus_radius_px": defocus_px}), state.seed)
-        return next(frames(self.small, [cell], replace(camera, row_time_s=n * camera.row_time_s))).image
+        return next(
+            frames(self.small, [cell], camera.with_figures(row_time_s=n * camera.sensor.row_time_s))
+        ).image
 
 
 Number = tuple[str, float | None, str]
@@ -198,7 +200,7 @@ class Rendered:
         white_e = photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s)
         return {
             "white_electrons": ("White", white_e, "e-"),
-            "saturation_electrons": ("Saturation", camera.saturation_e, "e-"),
+            "saturation_electrons": ("Saturation", camera.sensor.saturation_e, "e-"),
             "snr_db": ("SNR at 18 % grey", snr_db(exposure, _GREY), "dB"),
             "exposure_ms": ("Exposure", 1e3 * exposure.exposure_s, "ms"),
             "gain_db": ("Gain", exposure.gain_db, "dB"),

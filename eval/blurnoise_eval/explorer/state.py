@@ -16,8 +16,8 @@ from urllib.parse import parse_qsl, urlencode
 
 from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.camera import figures as camera_figures
 from blurnoise.camera import Camera
+from blurnoise.camera import figures as camera_figures
 from blurnoise_eval.grid import axes
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, GAIN, MOVES, VELOCITY, Axis, number
 from blurnoise_eval.grid.conditions import Conditions
@@ -118,9 +118,9 @@ class State:
 def with_figures(camera: Camera, figures: Iterable[tuple[str, float]]) -> Camera:
     """``camera`` with these figures in place of its own; a line time makes a global shutter roll."""
     own: dict[str, Any] = dict(figures)
-    if "row_time_s" in own and (camera.shutter == "global") == bool(own["row_time_s"]):
+    if "row_time_s" in own and (camera.sensor.shutter == "global") == bool(own["row_time_s"]):
         own["shutter"] = "rolling" if own["row_time_s"] else "global"
-    return replace(camera, **own)
+    return camera.with_figures(**own)
 
 
 def key(axis: Axis) -> str:
@@ -153,7 +153,7 @@ def _axis_of(figure: camera_figures.CameraFigure) -> Axis:
     low, high, _ = LIMITS[name]
     return Axis(
         name, f"camera.{name}", name, "", title, unit, 1.0, low, high, f"{{}} {unit}", "{}",
-        own=lambda camera: float(getattr(camera, name)), span=span,
+        own=lambda camera: float(camera.figure(name)), span=span,
     )  # fmt: skip
 
 
@@ -222,7 +222,7 @@ def _control(axis: Axis, camera: Camera) -> Control:
     if axis.span is not None:
         low, high = axis.span
     elif axis is GAIN:
-        high = camera.gain_max_db
+        high = camera.sensor.gain_max_db
     elif axis.logarithmic and own > 0:
         low, high = own / 10, own * 10
     low, high = max(low, least), min(max(high, 2 * own) if math.isfinite(own) else high, most)

@@ -15,8 +15,8 @@ from blurnoise_eval.grid.axes import AXES, MOVES, VELOCITY, Axis, axis, bounds
 from blurnoise_eval.grid.settings import Settings, setting
 
 if TYPE_CHECKING:
-    from blurnoise.motion.ego import Vehicle
     from blurnoise.camera.colour import PictureTone
+    from blurnoise.motion.ego import Vehicle
     from blurnoise.scene.metering import AutoExposure
     from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.grid.objects import Objects

@@ -81,7 +81,7 @@ def nodes_of(run: Run) -> Nodes:
         "its camera drives": plan.ego is not None,
         "its pictures follow a trajectory": plan.trajectory is not None,
         "it has lamps": plan.lamps is not None,
-        "its camera takes several captures": bool(run.camera.captures),
+        "its camera takes several captures": bool(run.camera.sensor.captures),
     }
     if reason := next((text for text, holds in others.items() if holds), None):
         raise StoreError(
@@ -118,6 +118,6 @@ def _key(at: Conditions, by_exposure: bool) -> tuple[float | None, ...]:
 
 
 def _dark_charge_counts(camera: Camera, every: Iterable[Conditions]) -> bool:
-    in_the_dark = camera.dark_variance_dn2() / camera.system_gain_dn_per_e**2
+    in_the_dark = camera.sensor.dark_variance_dn2() / camera.sensor.system_gain_dn_per_e**2
     charges = (dark_electrons(camera, at.exposure_s, at.stated.get("temperature_c", 25.0)) for at in every)
     return max(charges, default=0.0) > _DARK_SHARE * in_the_dark

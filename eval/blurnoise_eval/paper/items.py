@@ -18,9 +18,9 @@ from typing import Any
 
 from scipy.stats import spearmanr
 
-from blurnoise.motion.ego import blur_pixels
 from blurnoise.camera import Camera
 from blurnoise.camera.radiometry import photoelectrons
+from blurnoise.motion.ego import blur_pixels
 from blurnoise_eval.paper import measurement
 from blurnoise_eval.paper.item import Check, Curve, Figure, Item, Parts, Range, even, falling, near, within
 from blurnoise_eval.paper.measurement import CAMERA, Chain, Grid, Measurements, NotRun
@@ -84,7 +84,7 @@ READ_DX = (0.0, 50.0, 100.0, 200.0, 350.0, 500.0)
 def table_2(measured: Measurements) -> Parts:
     """Motion blur of road users, row by row."""
     camera = Camera.preset(CAMERA)
-    optics: Any = {"width_px": camera.width_px, "hfov_deg": camera.hfov_deg}
+    optics: Any = {"width_px": camera.sensor.width_px, "hfov_deg": camera.lens.hfov_deg}
     for number, (printed, width, distance, kmh, ms) in enumerate(TABLE_2, 1):
         found = blur_pixels(kmh / 3.6, distance, 1e-3 * ms, target_width_m=width, **optics)
         what = f"row {number}: {width:g} m wide, {distance:g} m away, {kmh:g} km/h, {ms:g} ms"
@@ -95,7 +95,7 @@ def table_2(measured: Measurements) -> Parts:
 def quanta(measured: Measurements) -> Parts:
     """Quanta of white light: the camera's electrons times the sensitivity by which the tool multiplies."""
     camera = Camera.preset(CAMERA)
-    found = photoelectrons(camera, 50.0, 0.030) * camera.system_gain_dn_per_e
+    found = photoelectrons(camera, 50.0, 0.030) * camera.sensor.system_gain_dn_per_e
     yield within(
         "white at 50 lux, 30 ms",
         f"{QUANTA:.1f} (its tool)",

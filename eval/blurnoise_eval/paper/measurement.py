@@ -11,7 +11,7 @@ camera has one plane and a straight tone curve. "camera": linear light of three 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,10 +21,10 @@ import numpy as np
 import torch
 
 from blurnoise import charts, simulate
-from blurnoise.metrics import Flag, slanted_edge
-from blurnoise.metrics.values import Estimate
 from blurnoise.camera import Camera
 from blurnoise.camera.colour import srgb_from_linear
+from blurnoise.metrics import Flag, slanted_edge
+from blurnoise.metrics.values import Estimate
 from blurnoise_eval.datasets import RENDERED_SIZE_PX, Image, Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan, cell_seed
@@ -139,7 +139,7 @@ def clips_from_ms(lux: float) -> float:
         middle = (low * high) ** 0.5
         light: Any = {"exposure_s": 1e-3 * middle, "illuminance_lux": lux}
         dn = simulate(scene, camera, **light, encoding="linear", generator=generator)
-        edge: Any = slanted_edge(dn[0], full_scale=camera.saturated_dn)
+        edge: Any = slanted_edge(dn[0], full_scale=camera.sensor.saturated_dn)
         low, high = (low, middle) if Flag.CLIPPED in edge.flags else (middle, high)
     return high
 
@@ -147,7 +147,7 @@ def clips_from_ms(lux: float) -> float:
 def camera_of(chain: Chain, name: str = CAMERA) -> Camera:
     """The preset as the chain has it."""
     camera = Camera.preset(name)
-    return replace(camera, cfa="mono", tone=((0.0, 0.0), (1.0, 1.0))) if chain == "paper" else camera
+    return camera.with_figures(cfa="mono", tone=((0.0, 0.0), (1.0, 1.0))) if chain == "paper" else camera
 
 
 def signs(chain: Chain, sizes_px: tuple[int, ...], *, read: bool) -> PictureSet:

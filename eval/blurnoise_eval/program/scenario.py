@@ -250,7 +250,7 @@ def mean_light(gains: Iterable[Mapping[str, Any]], camera: Camera) -> float | No
     of: dict[str, list[float]] = {}
     for row in gains:
         gain_db = row["applied_gain_db"]
-        if _TOLD_DB < gain_db < camera.gain_max_db - _TOLD_DB:
+        if _TOLD_DB < gain_db < camera.sensor.gain_max_db - _TOLD_DB:
             total = row["illuminance_lux"] * row["exposure_s"] * 10 ** (gain_db / 20)
             of.setdefault(row["image"], []).append(math.log(white / total))
     return float(np.mean([math.exp(float(np.median(logs))) for logs in of.values()])) if of else None

@@ -223,8 +223,8 @@ def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> li
 
 def dark_below(camera: Camera) -> float:
     """Mean brightness, 0-1, of a picture at half of the level that auto-exposure aims at."""
-    black = camera.black_level_dn
-    place = round(black + _DARK * (camera.full_scale_dn - black))
+    black = camera.sensor.black_level_dn
+    place = round(black + _DARK * (camera.sensor.full_scale_dn - black))
     return int(tones_8bit(camera)[place]) / 255
 
 

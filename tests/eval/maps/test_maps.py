@@ -113,7 +113,7 @@ def test_the_command(tmp_path, capsys, lights, nodes):
 
 
 def nodes(*rows, planned=(), **figures):
-    return len(nodes_at(rows, replace(IMX250, **figures), planned))  # type: ignore[arg-type]
+    return len(nodes_at(rows, IMX250.with_figures(**figures), planned))  # type: ignore[arg-type]
 
 
 def test_equal_light_and_motion_are_one_experiment():

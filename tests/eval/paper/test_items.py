@@ -14,8 +14,8 @@ from blurnoise_eval.quality.measure import TILT_DEG
 from scipy.optimize import brentq
 
 from blurnoise.blur import convolution
-from blurnoise.metrics.values import Estimate
 from blurnoise.camera import Camera
+from blurnoise.metrics.values import Estimate
 
 WITHHELD = Estimate(math.nan)
 ITEM = {item.name: item for item in items.ITEMS}
@@ -92,7 +92,7 @@ def closed_mtf50(length_px):
 
     The chart's pixel, the areas of the camera's disc in the pixels, and uniform motion.
     """
-    areas = convolution.disc(Camera.preset("lin2024").defocus_radius_px)
+    areas = convolution.disc(Camera.preset("lin2024").lens.defocus_radius_px)
     place = np.arange(len(areas)) - len(areas) // 2
 
     def above_half(f):
