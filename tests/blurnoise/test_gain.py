@@ -102,8 +102,6 @@ def test_the_bend_stays_with_the_charge():
     for charge_e in (100.0, 4000.0, 5000.0):
         factor = bent.sensor.variance_factor(charge_e)
         assert found.sensor.variance_factor(charge_e) == pytest.approx(factor, rel=1e-9)
-            bent.sensor.variance_factor(charge_e), rel=1e-9
-        )
 
 
 REFUSED = [

@@ -3,6 +3,7 @@
 import inspect
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -37,11 +38,6 @@ DIRECTED = {
     "fidelity": "auto",
 }
 SCENE = {"border": "reflect", "illuminant": "D55", "pattern_seed": 0, "fidelity": "auto", "tolerance_dn": 0.1}
-FIGURES = {
-    name: value
-    for name, value in CAMERA.to_dict().items()
-    if name not in ("sources", "quantum_efficiency", "lens")
-}
 
 ROLLS = blurnoise.Exposure(Camera.preset("ar0237"), 0.01, 10.0, (90.0, 20.0))
 BOXES = torch.tensor([[3.0, 4.0, 9.0, 20.0]])
@@ -68,7 +64,8 @@ def fixed_pattern(shape):
 
 
 CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
-    (blurnoise.Camera, {**FIGURES, "quantum_efficiency": 0.5}),
+    (blurnoise.Camera, {entry.name: getattr(CAMERA, entry.name) for entry in fields(CAMERA)}),
+    *((type(record), vars(record)) for record in (CAMERA.lens, CAMERA.sensor, CAMERA.isp)),
     (fixed_pattern, {"shape": (1, 24, 31)}),
     (CAMERA.sensor.dark_variance_dn2, {"dark_e": 0.0}),
     (blurnoise.Layer, LAYER),

@@ -142,7 +142,7 @@ def test_the_fast_route_is_the_reference_stage_by_stage(alone, read_noise_e, noi
 
     The well beyond the converter, and cutting a third of the brighter picture.
     """
-    figures = {figure for stage in stages.STAGES for figure in stage.figures if getattr(CAMERA, figure) != ()}
+    figures = {figure for stage in stages.STAGES for figure in stage.figures if CAMERA.figure(figure) != ()}
     busy = CAMERA.with_figures(read_noise_e=read_noise_e)
     kept = {name: 0.0 for name in figures if alone is not None and name not in alone}
     camera = busy.with_figures(**kept, full_well_e=full_well_e)

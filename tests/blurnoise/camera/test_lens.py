@@ -93,7 +93,7 @@ def shape(model, *coefficients, **others):
 @pytest.mark.parametrize(
     ("lens", "others", "named"),
     [
-        (3, {}, "lens = 3: must be a Lens, in a file a mapping of its figures"),
+        (3, {}, "lens = 3: must map figures to values"),
         ({"field_curvature_px": 60}, {}, "lens: field_curvature_px = 60.0: must be finite and >= -50 and <= 50"),
         ({"field_curvatur_px": 1}, {}, "lens: figure 'field_curvatur_px' is unknown; did you mean 'field_curvature"),
         ({"mtf": {"frequencies": [1]}}, {}, "lens: mtf: missing values, unit"),

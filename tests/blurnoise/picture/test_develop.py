@@ -41,7 +41,8 @@ def flat(rgb, height=9, width=11):
 
 def filling(taker, illuminant="D55", share=0.9):
     """Light with which white is ``share`` of the range."""
-    range_e = (taker.full_scale_dn - taker.black_level_dn) / taker.system_gain_dn_per_e
+    sensor = taker.sensor
+    range_e = (sensor.full_scale_dn - sensor.black_level_dn) / sensor.system_gain_dn_per_e
     lux = share * range_e / (0.01 * electrons_per_lux_s(taker, illuminant))
     return {"exposure_s": 0.01, "illuminance_lux": lux, "illuminant": illuminant}
 
@@ -199,7 +200,7 @@ def noisy_grey(taker, side=600):
     light = simulate(grey, wide, generator=[11], quantised=False, **lit).double()
     for step in steps.active(wide):
         light = step.apply(light, steps.Development(wide, encoding="linear"))
-    per_electron = 0.03 / (wide.full_scale_dn - 400)
+    per_electron = 0.03 / (wide.sensor.full_scale_dn - 400)
     return (light - light.mean((-2, -1), keepdim=True))[0] / (per_electron * (0.5 * white_e) ** 0.5)
 
 

@@ -55,7 +55,7 @@ def test_white_gives_each_filter_its_electrons(cfa, illuminant):
 def test_colours_outside_the_cameras_are_no_light():
     rows = ((2.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     taker = camera("RGGB", ccm=rows)
-    assert inverse(taker.ccm)[0] == pytest.approx((0.5, 0.5, 0.0))
+    assert inverse(taker.isp.ccm)[0] == pytest.approx((0.5, 0.5, 0.0))
     wide = camera("RGGB", ccm=((0.5, 0.5, 0.0), *rows[1:]))  # its inverse: 2 R - G
     picture = torch.tensor([[0.2, 0.9, 0.1], [0.9, 0.2, 0.1]]).view(2, 3, 1, 1).expand(-1, -1, 4, 4)
     seen = radiometry.on_sensor(picture, wide)
@@ -90,7 +90,7 @@ def test_scenes_and_simulate_give_the_same_bits(cfa, jpeg_quality, channels):
     """Frames in the channels of their picture, developed for their light, at gains of both kinds."""
     coded = (light(33, 47, 1)[0, :channels].permute(1, 2, 0) * 255).round().byte().numpy()
     taker = camera(cfa, jpeg_quality=jpeg_quality, prnu=0.01, dark_current_e_s=50.0, row_noise_e=9.0)
-    if taker.cfa not in ("none", "mono"):
+    if taker.sensor.cfa not in ("none", "mono"):
         taker = taker.with_figures(
             quantum_efficiency=behind_generic_filters(0.6)
         )  # whose ratios are the light's

@@ -1,7 +1,6 @@
 """Noise and fixed patterns of rows, columns and frames, and the bend: samples against closed forms."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
@@ -67,7 +66,7 @@ def test_variances_of_row_means_column_means_frame_means_and_pixels(route):
 def test_each_is_added_to_the_frame_as_it_is_and_shared_by_what_it_belongs_to(figure, alike):
     """Before rounding: the rest of the frame keeps its bits; the colours of three sensors have their own lines."""
     still = frames(BASE, 3000.0, (3, 3, 15, 21), quantised=False)
-    added = frames(replace(BASE, **{figure: 2.0}), 3000.0, (3, 3, 15, 21), quantised=False) - still
+    added = frames(BASE.with_figures(**{figure: 2.0}), 3000.0, (3, 3, 15, 21), quantised=False) - still
     first = added
     for dimension in alike:
         first = first.narrow(dimension, 0, 1)
