@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from blurnoise_eval.answers.curves import windows
-from blurnoise_eval.deciding.question import Line, exposures_on
+from blurnoise_eval.run.search_space import Line, exposures_on
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]

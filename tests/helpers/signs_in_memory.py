@@ -9,8 +9,8 @@ import numpy as np
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.run import computing as sweep
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import run as sweep
 from plans import plan as swept
 
 from blurnoise import Camera, charts

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,16 +20,18 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.interpolate import PchipInterpolator
 
+from blurnoise._core.files import read_samples
 from blurnoise.camera.colour import Points, linear_from_srgb
 from blurnoise_eval.calibration.frames import Floats, refuse
 from blurnoise_eval.calibration.listing import reader_of, with_points
 from blurnoise_eval.calibration.structure import Z
 from blurnoise_eval.calibration.to_camera import Known
 from blurnoise_eval.datasets import decode
-from blurnoise_eval.quality.linear import read_oecf
 from blurnoise_eval.system.files import inside
 
 FEWEST = 3
+FEWEST_FIELDS = 3
+"""Of a grey scale: two make a straight line."""
 _LIST, _SUFFIXES = "frames.csv", (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _EXIF, _EXPOSURE, _F_NUMBER, _ISO = 0x8769, 33434, 33437, 34855
 _DARKEST, _BRIGHTEST = 3, 254  # values that are not clipped
@@ -41,6 +43,24 @@ _OFF = 0.05  # of a picture's light, from which its exposure time is doubtful
 _VALUES = np.arange(256.0)
 _SRGB = np.log(np.maximum(linear_from_srgb(torch.from_numpy(_VALUES / 255)).numpy(), 1e-6))
 _AT = np.unique([0, 1, 2, 3, 4, 6, 8, 12, *range(16, 256, 8), 255])  # values of the points
+
+
+Oecf = tuple[tuple[float, ...], tuple[float, ...]]
+"""A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale: digital numbers, and
+light in any unit, 0 for none; both rising, straight in between."""
+
+
+def read_oecf(path: Path) -> Oecf:
+    """From a CSV file: a line per field, digital number and light; a first line may name the columns.
+
+    Raises ``OSError``, and ``ValueError`` for other content.
+    """
+    numbers, light = read_samples(path, 1, "a digital number")
+    for name, values in (("numbers", numbers), ("light", light)):
+        rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
+        if not rising or len(values) < FEWEST_FIELDS:
+            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, >= 0 and increasing")
+    return tuple(numbers), tuple(light)
 
 
 @dataclass(frozen=True)

@@ -39,20 +39,20 @@ def compare(
         if picture.is_dir():
             raise ValueError(f"{name} = {str(picture)!r}: is a folder; must be a picture of a chart")
     from blurnoise_eval.datasets import decode
-    from blurnoise_eval.quality import comparison
+    from blurnoise_eval.measure import pictures
 
-    pair = comparison.pair_of(
+    pair = pictures.pair_of(
         decode(simulated),
         decode(real),
         "linear" if linear else "srgb" if srgb else "auto",
         black_level=black_level,
         full_scale=full_scale,
     )
-    quantities, notes = comparison.compare(pair)
+    quantities, notes = pictures.compare(pair)
     rows = [quantity.row() for quantity in quantities]
     if as_json:
         say_json({"simulated": str(simulated), "real": str(real), "notes": notes, "quantities": rows})
         return
-    right = [head in ("simulated", "real", "chance") for head in comparison.HEADS]
-    say(*table_lines(comparison.HEADS, [quantity.cells() for quantity in quantities], right))
+    right = [head in ("simulated", "real", "chance") for head in pictures.HEADS]
+    say(*table_lines(pictures.HEADS, [quantity.cells() for quantity in quantities], right))
     say(*notes, error=True)

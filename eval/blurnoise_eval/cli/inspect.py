@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Contract, Json, Location, ModelTimeout, new_file, place
 from blurnoise_eval.cli.console import print_facts
-from blurnoise_eval.grid.plan_file import MODEL_TIMEOUT_S
+from blurnoise_eval.plan.files import MODEL_TIMEOUT_S
 from blurnoise_eval.system.terminal import say, say_json, shortened, table_lines, width
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def _pictures(probe: Location) -> tuple[Pictures, tuple[str, ...]]:
     none can be read."""
     from blurnoise_eval.datasets import eight_bit, image_folder, picture_doubts, read_picture, sample
     from blurnoise_eval.label_formats import SUFFIXES, format_of
-    from blurnoise_eval.sweep.contract_checks import MOST_PICTURES
+    from blurnoise_eval.run.contract_checks import MOST_PICTURES
 
     labelled = probe.suffix.lower() in SUFFIXES
     if not labelled and not (isinstance(probe, Path) and probe.is_dir()):
@@ -144,7 +144,7 @@ def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple
     from blurnoise_eval.detectors.contract_files import contract_option
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.recognition import drawn_picture
-    from blurnoise_eval.sweep.contract_checks import compared, output_problems
+    from blurnoise_eval.run.contract_checks import compared, output_problems
 
     detector = Detector(model, contract=contract)
     source = detector.contract.sources["family"]

@@ -11,7 +11,7 @@ from blurnoise_eval.cli._options import BlackLevel, FullScale, Json, Linear, Reg
 from blurnoise_eval.system.terminal import say, say_json, show, width
 
 if TYPE_CHECKING:
-    from blurnoise_eval.quality.picture import Measured
+    from blurnoise_eval.measure.edges import Measured
 
 _LABEL_WIDTH, _REGION_WIDTH, _PIPE_WIDTH = 24, 28, 80  # of the table's columns, in characters
 
@@ -88,9 +88,10 @@ def measure(
     if linear and srgb:
         raise ValueError("linear, srgb: only one of them is allowed")
     from blurnoise.metrics.edge.response import ISO_EDITION
+    from blurnoise_eval.calibration.tone import read_oecf
     from blurnoise_eval.datasets import decode
-    from blurnoise_eval.quality import linear as linearising
-    from blurnoise_eval.quality import picture as measuring
+    from blurnoise_eval.measure import edges as measuring
+    from blurnoise_eval.measure import linear as linearising
     from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
     from blurnoise_eval.system.tables import csv_lines
 
@@ -102,7 +103,7 @@ def measure(
         "linear" if linear else "srgb" if srgb else "auto",
         black_level=black_level,
         full_scale=full_scale,
-        oecf=linearising.read_oecf(oecf) if oecf else None,
+        oecf=read_oecf(oecf) if oecf else None,
     )
     notes = [*light.notes, *([f"iso: {ISO_EDITION}"] if mode == "iso" else [])]
     measured = measuring.measure(light, roi or measuring.found_regions(light), mode=mode, target=target)
@@ -110,7 +111,7 @@ def measure(
     if table:
         write_whole(table, "".join(csv_lines(list(rows[0]), rows)).encode())
     if plot:
-        from blurnoise_eval.quality.figures import draw_regions
+        from blurnoise_eval.measure.figures import draw_regions
 
         write_figure(plot, draw_regions(light, measured), dpi=110)
     if as_json:
@@ -126,7 +127,7 @@ def _print(measured: list[Measured], target: str) -> None:
     """Print a column per region, as many side by side as fit, and the warnings below."""
     from rich.table import Table
 
-    from blurnoise_eval.quality.picture import EDGE_METRICS, angle_text, reading_text, second_text
+    from blurnoise_eval.measure.edges import EDGE_METRICS, angle_text, reading_text, second_text
 
     side_by_side = max(1, ((width() or _PIPE_WIDTH) - _LABEL_WIDTH) // _REGION_WIDTH)
     for start in range(0, len(measured), side_by_side):

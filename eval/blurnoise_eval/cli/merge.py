@@ -29,7 +29,7 @@ def merge(
 
     The parts must belong to the same sweep. If they do not, the error names the difference.
     """
-    from blurnoise_eval.sweep.merging import merge as joined
+    from blurnoise_eval.run.merging import merge as joined
     from blurnoise_eval.system.urls import listing
     from blurnoise_eval.system.working_folder import read_run, written_run
 

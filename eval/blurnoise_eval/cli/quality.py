@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import Json, NewFolder, settings
-from blurnoise_eval.grid.axes import AXES, EGO, MOVES
-from blurnoise_eval.grid.plan_file import LISTS, PlanFile, with_axes
-from blurnoise_eval.grid.settings import setting
+from blurnoise_eval.plan.axes import AXES, EGO, MOVES
+from blurnoise_eval.plan.files import LISTS, PlanFile, with_axes
+from blurnoise_eval.plan.settings import setting
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
 
@@ -51,8 +51,8 @@ def quality(*, config: ChartPlan, output: NewFolder, as_json: Json = False) -> N
     """
     camera = inputs.camera(config.camera, config.cfa, colour=False)
     workers = inputs.threads(config.threads)
-    from blurnoise_eval.quality import figures as quality_figures
-    from blurnoise_eval.quality import measure as quality
+    from blurnoise_eval.measure import charts as quality
+    from blurnoise_eval.measure import figures as quality_figures
     from blurnoise_eval.system.files import check_outputs
 
     plan = config.sweep_plan(repeats=2)

@@ -38,9 +38,9 @@ def validate(
     """
     from blurnoise_eval import cameras
     from blurnoise_eval.calibration.formats import RawLayout
+    from blurnoise_eval.measure import page
+    from blurnoise_eval.measure.frames import validate as compared
     from blurnoise_eval.system.files import check_outputs, write_records
-    from blurnoise_eval.validation import page
-    from blurnoise_eval.validation.held_out import validate as compared
 
     check_outputs(output, "validation.html", "validation.csv", "validation.json", "camera.yaml")
     layout = RawLayout.parse(raw_layout) if raw_layout else None

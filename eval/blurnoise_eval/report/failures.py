@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.datasets import eight_bit
-from blurnoise_eval.grid.axes import EXPOSURE, velocity_of, velocity_text
+from blurnoise_eval.plan.axes import EXPOSURE, velocity_of, velocity_text
 from blurnoise_eval.report.page import FAILURES, PICTURE_PX, TEMPLATES, jpeg, write_page
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import Settings, word
+from blurnoise_eval.run.pictures import RunPictures
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.pictures import RunPictures
 
 MOST_CODES = 2_000_000
 """Targets times conditions of a model, 3 bytes each; those whose confidence changes least are left out first."""

@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise_eval.datasets import encode
-from blurnoise_eval.grid.axes import CHOICES, EXPOSURE, VELOCITY, named, setting_of, velocity_of
+from blurnoise_eval.plan.axes import CHOICES, EXPOSURE, VELOCITY, named, setting_of, velocity_of
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.run import RunData
+from blurnoise_eval.run.pictures import RunPictures
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, unpack
-from blurnoise_eval.sweep.pictures import RunPictures
 from blurnoise_eval.system.files import check_own_folder, path_within, write_whole
 
 MOST_SAMPLES, MOST_PX = 2000, 1_000_000_000

@@ -1,0 +1,1 @@
+"""Image quality of charts and pictures, and comparison of simulated with real ones."""

@@ -1,0 +1,204 @@
+"""Measurement of slanted edges in a picture: sharpness, contrast, noise and information.
+
+Domain: linear pictures; frequencies in cycles/px. Regions are (left, top, width, height), px.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+from blurnoise._core import checks
+from blurnoise.metrics import Flag, SlantedEdge, information
+from blurnoise.metrics.edge.measurement import Mode
+from blurnoise.metrics.values import Estimate, Roi
+from blurnoise_eval.measure.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
+from blurnoise_eval.measure.linear import LinearPicture
+from blurnoise_eval.system.tables import finite
+
+LARGEST_TARGET_PX = 64
+_DOUBTS = {
+    "noiseless": "there is no noise, so values relative to noise are unbounded",
+    information.NOT_WHITE: "noise is not white: NEQ(0) uses its power at frequency 0; SIC, NEQ sum and SNRI "
+    "assume white noise",
+}
+"""Flags of numbers, in words."""
+RESAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A metric: its name in tables, title and unit, what exactly it is, and how it is measured.
+
+    of: from what it is measured on to its estimate, or estimates, which rise with quality. scale: of its axis; a
+    share lies between 0 and 1.
+    """
+
+    name: str
+    title: str
+    unit: str
+    about: str
+    of: Callable[[Any], Any]
+    scale: Literal["linear", "log", "share"] = "linear"
+
+    @property
+    def label(self) -> str:
+        """Title and unit."""
+        return self.title if self.unit == "1" else f"{self.title} / {self.unit}"
+
+
+@dataclass(frozen=True)
+class Square:
+    """A square that an ideal observer is to see: its side, px, and its Weber contrast to the region's mean level."""
+
+    size_px: int
+    contrast: float
+
+    def __post_init__(self) -> None:
+        checks.in_range("target_size", self.size_px, 1, LARGEST_TARGET_PX)
+        checks.limited("target_contrast", self.contrast, "contrast")
+
+
+class Pair(NamedTuple):
+    """An edge, one across the other axis, or the same again, and the square that an ideal observer is to see."""
+
+    edge: SlantedEdge
+    second: SlantedEdge
+    target: Square
+
+
+def _scalar(name: str) -> Callable[[Pair], Estimate]:
+    return lambda pair: pair.edge.estimate(name)
+
+
+def _of(measure: Callable[..., Estimate], edges: int) -> Callable[[Pair], Estimate]:
+    """A number of the edge, or of both in either order: seen from the side all is the same."""
+    return lambda pair: measure(*pair[:edges])
+
+
+def _square_snr(pair: Pair) -> Estimate:
+    # square_snr's target is as high as the mean step of both
+    level, step = (sum(each.bright + sign * each.dark for each in pair[:2]) for sign in (1, -1))
+    scale = pair.target.contrast * level / 2 / step
+    return information.square_snr(*pair[:2], side_px=pair.target.size_px) * scale
+
+
+EDGE_METRICS: tuple[Metric, ...] = (
+    Metric("mtf50", "MTF50", "cycles/px", "response half of that at 0", _scalar("mtf50"), "log"),
+    Metric("mtf50p", "MTF50P", "cycles/px", "response half of its peak", _scalar("mtf50p"), "log"),
+    Metric("mtf_nyquist_2", "MTF at Nyquist/2", "1", "at 1/4 cycles/px", _scalar("mtf_nyquist_2"), "share"),
+    Metric("mtf_nyquist", "MTF at Nyquist", "1", "at 1/2 cycles/px", _scalar("mtf_nyquist"), "share"),
+    Metric("cnr", "CNR", "1", "step over the root of the mean noise variance", _scalar("cnr"), "log"),
+    Metric("edge_snr_db", "edge SNR", "dB", "20 log10 of CNR", _scalar("edge_snr_db")),
+    Metric("michelson", "Michelson contrast", "1", "step over sum of levels", _scalar("michelson"), "share"),
+    Metric("sic_radial", "SIC radial", "bits/px", "same blur all round", _of(information.capacity_radial, 1)),
+    Metric("sic_square", "SIC square", "bits/px", "all frequencies", _of(information.capacity_square, 2)),
+    Metric("neq_0", "NEQ(0)", "quanta/px", "of the bright side", _of(information.neq_0, 1), "log"),
+    Metric(
+        "neq_integral", "NEQ sum", "quanta/px", "all frequencies", _of(information.neq_integral, 2), "log"
+    ),
+    Metric("snri", "SNRI", "1", "ideal observer of a square", _square_snr, "log"),
+)
+"""The numbers of a region in their order: a new one is a line here."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One region. estimates: by the names of ``EDGE_METRICS``; what is not available is NaN, and ``doubts`` say why.
+
+    second: the number of the region whose edge crosses the other axis, for what needs both directions; None where
+    there is none, and the blur is taken for the same both ways. doubts: flags in words.
+    """
+
+    number: int
+    roi: Roi
+    edge: SlantedEdge
+    second: int | None
+    estimates: dict[str, Estimate]
+    doubts: tuple[str, ...]
+
+    def row(self) -> dict[str, Any]:
+        """All of it by plain names, None for what is not available, or for an end of an interval that is open."""
+        row: dict[str, Any] = {"region": self.number}
+        row |= zip(("left_px", "top_px", "width_px", "height_px"), self.roi, strict=True)
+        row |= {"orientation": self.edge.orientation, "bright_side": self.edge.bright_side}
+        row |= {name: finite(getattr(self.edge, name)) for name in ("angle_deg", "dark", "bright")}
+        for name, estimate in self.estimates.items():
+            ends = {"": estimate.value, "_low": estimate.low, "_high": estimate.high}
+            row |= {f"{name}{end}": finite(value) for end, value in ends.items()}
+        return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
+
+
+def found_regions(light: LinearPicture) -> list[Roi]:
+    """The regions of ``light`` that hold a usable slanted edge.
+
+    Raises ``ValueError`` that says what was looked for where there is none.
+    """
+    found = find_edges(light)
+    if not found.rois:
+        reasons = "; ".join(f"{count} x {flag.value}" for flag, count in found.turned_down.items())
+        raise ValueError(
+            f"image: no slanted edge can be measured; needs straight edges of {SHORTEST_PX} px or more, tilted by "
+            f"at most {STEEPEST_DEG:g} degrees from rows or columns, with uniform sides that are not clipped "
+            f"(found: {reasons or 'no straight line'}); use --roi x,y,w,h to see the flags of a region"
+        )
+    return found.rois
+
+
+def measure(
+    light: LinearPicture, rois: Sequence[Roi], *, mode: Mode = "exact", target: Square | None = None
+) -> list[Measured]:
+    """Measure the edge in each region; those that cannot be measured have flags in place of numbers.
+
+    Raises ``ValueError`` for a region outside the picture or below 8 x 8 px.
+    """
+    edges = [light.edge(roi, mode, RESAMPLES) for roi in rois]
+    measured = []
+    for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
+        second = _second(index, rois, edges)
+        pair = Pair(edge, edge if second is None else edges[second], target or Square(10, 0.1))
+        estimates = {metric.name: metric.of(pair) for metric in EDGE_METRICS}
+        flags = frozenset[str]().union(*(estimate.flags for estimate in estimates.values()))
+        doubts = [flag.value for flag in Flag if flag in edge.flags]
+        doubts += [text for flag, text in _DOUBTS.items() if flag in flags]
+        across = None if second is None else second + 1
+        measured.append(Measured(index + 1, roi, edge, across, estimates, tuple(doubts)))
+    return measured
+
+
+def _second(index: int, rois: Sequence[Roi], edges: Sequence[SlantedEdge]) -> int | None:
+    """The nearest region with an edge across the other axis."""
+    centres = [(left + width / 2, top + height / 2) for left, top, width, height in rois]
+    others = [
+        (math.dist(centres[index], centres[other]), other)
+        for other, edge in enumerate(edges)
+        if not math.isnan(edge.bright) and edge.orientation != edges[index].orientation
+    ]
+    return min(others)[1] if others and not math.isnan(edges[index].bright) else None
+
+
+def reading_text(reading: Estimate) -> str:
+    """'0.09882 (0.0981–0.0995)', '?' behind the number if it is flagged, or a dash if there is no number."""
+    if not reading.available:
+        return "-"
+    doubted = "?" if reading.flags else ""
+    return f"{_number(reading.value, 4)}{doubted} ({_number(reading.low, 3)}–{_number(reading.high, 3)})"
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.0f}" if 100 <= abs(value) < 1e9 else f"{value:.{digits}g}"
+
+
+def angle_text(region: Measured) -> str:
+    """The edge's angle and its bright side, or a dash for none."""
+    edge = region.edge
+    return "-" if edge.orientation is None else f"{edge.angle_deg:.2f}, bright {edge.bright_side}"
+
+
+def second_text(region: Measured) -> str:
+    """The blur across the edge's other axis that the SNRI is made with."""
+    if region.edge.orientation is None:
+        return "-"
+    return "same blur both ways" if region.second is None else f"edge {region.second}"

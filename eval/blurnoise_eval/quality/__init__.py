@@ -1,1 +1,0 @@
-"""Image quality of charts, simulated and photographed."""

@@ -1,0 +1,132 @@
+"""A run's truth and detections as COCO's files, for pycocotools and anything else that reads them."""
+
+from __future__ import annotations
+
+import glob
+import json
+from collections.abc import Callable, Mapping
+from itertools import chain, count
+from pathlib import Path
+from typing import Any
+
+from blurnoise._core.checks import shown
+from blurnoise._core.files import json_of, read_bytes
+from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.run.documents import validated
+from blurnoise_eval.run.run import Run
+from blurnoise_eval.scoring.evaluated import Truth, coco_results
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.system.files import check_outputs, path_within, write_whole
+
+INSTANCES = Path("coco") / "instances.json"
+
+
+def write_truth(pictures: PictureSet, run: Path, whole: PictureSet | None = None) -> None:
+    """Write what is in the pictures to ``run``/coco/instances.json; without labels it lists the pictures only.
+
+    ids, areas, segmentations and crowds are those of the data set where it has them. whole: the set that the pictures
+    are a part of, whose ids they have. Raises ``OSError``.
+    """
+    whole, own = whole or pictures, {picture.name for picture in pictures}
+    every = [(picture, target) for picture in whole for target in picture.targets or ()]
+    used = {target.annotation.get("id") for _, target in every}
+    fresh = (number for number in count(1) if number not in used)
+    annotations: list[dict[str, Any]] = []
+    for picture, target in every:
+        x0, y0, x1, y1 = target.box_xyxy
+        area = (x1 - x0) * (y1 - y0) if target.area_px2 is None else target.area_px2
+        new = {"id": next(fresh)} if "id" not in target.annotation else {}
+        where = {"image_id": picture.image_id, "category_id": pictures.categories[target.label]}
+        box = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": area, "iscrowd": int(target.crowd)}
+        if picture.name in own:
+            annotations.append({**target.annotation, **new, **where, **box})
+    images = [{"id": picture.image_id, "file_name": picture.name} for picture in pictures]
+    categories = [{"id": number, "name": name} for name, number in pictures.categories.items()]
+    write_instances(run, {"images": images, "annotations": annotations, "categories": categories})
+
+
+def write_instances(run: Path, truth: Mapping[str, Any]) -> None:
+    """Write ``run``/coco/instances.json. Raises ``OSError``."""
+    file = path_within(run, INSTANCES)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(file, json.dumps(truth).encode("utf-8", "backslashreplace"))
+
+
+def read_truth(store: Store) -> dict[str, Any]:
+    """What :func:`write_truth` has written. Raises :class:`StoreError` where it is missing or broken."""
+    try:
+        held: dict[str, Any] = validated(
+            "truth", json_of(read_bytes(path_within(store.folder, INSTANCES)).decode())
+        )
+        names = {each["file_name"] for each in held["images"]}
+        categories = {each["id"] for each in held["categories"]}
+        if missing := sorted(store.pictures().keys() - names):
+            raise ValueError(f"images: {missing[0]!r}, a picture of the run, is missing")
+        if unknown := [each for each in held["annotations"] if each["category_id"] not in categories]:
+            raise ValueError(f"category_id = {shown(unknown[0]['category_id'])}: must be in categories")
+        return held
+    except (OSError, ValueError) as error:
+        raise StoreError(
+            f"{store.folder / INSTANCES}: cannot be read ({error}); repeat the sweep's command to restore it"
+        ) from None
+
+
+def truths(store: Store) -> Callable[[str], Truth | None]:
+    """Each model's truth: the labels, or else what the model itself found in the original pictures.
+
+    None for a reader of text. Raises :class:`StoreError` where the run's instances.json is missing or broken.
+    """
+    coco, run = read_truth(store), Run(store)
+    image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
+    sizes_px = {image_ids[name]: (each.width_px, each.height_px) for name, each in store.pictures().items()}
+
+    def truth_of(name: str) -> Truth | None:
+        if run.models[name]["kind"] != "detector":
+            return None
+        classes = run.classes(name)
+        if run.labelled:
+            categories = {category["name"]: category["id"] for category in coco["categories"]}
+            known = {index: categories[label] for index, label in enumerate(classes) if label in categories}
+            return Truth(coco, image_ids, known, sizes_px)
+        ids = {label: number for number, label in enumerate(classes, start=1)}
+        annotations = []
+        for number, row in enumerate(queries.found_when_clean(store, name), start=1):
+            box = [row["x0"], row["y0"], row["width_px"], row["height_px"]]
+            if row["label"] not in ids:
+                raise store.damaged("targets.label", f"{row['label']!r} is no class of {name!r}")
+            facts = {"id": number, "image_id": image_ids[row["image"]], "category_id": ids[row["label"]]}
+            annotations.append({**facts, "bbox": box, "area": box[2] * box[3], "iscrowd": 0})
+        names = [{"id": number, "name": label} for label, number in ids.items()]
+        own = {"annotations": annotations, "categories": names}
+        return Truth(own, image_ids, {index: index + 1 for index in range(len(classes))}, sizes_px)
+
+    return truth_of
+
+
+def write_detections(store: Store, folder: Path) -> list[Path]:
+    """Write MODEL.json for each detector into ``folder``; returns the paths.
+
+    All that it found as COCO has results, each with the ``cell_id`` by which results.csv has the condition. Beside it
+    MODEL-instances.json, the truth at rest; targets.csv has where conditions move it. Raises ``OSError``.
+    """
+    written, truth_of, labels = [], truths(store), read_truth(store)
+    models = list(Run(store).models)
+    check_outputs(
+        folder, *(glob.escape(f"{name}{end}.json") for name in models for end in ("", "-instances"))
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    for model in models:
+        if (truth := truth_of(model)) is None:
+            continue
+        rows = (
+            json.dumps({**row, "cell_id": cell_id})
+            for cell_id, image, found in queries.detections_of(store, model)
+            for row in coco_results(found, truth.image_ids[image], truth.category_of)
+        )
+        lines = (f"{',' if number else '['}\n{row}" for number, row in enumerate(rows))
+        written.append(path_within(folder, f"{model}.json"))
+        write_whole(written[-1], (text.encode() for text in chain(lines, ["\n]"])))
+        whole = {**labels, **truth.coco, "images": labels["images"]}
+        write_whole(path_within(folder, f"{model}-{INSTANCES.name}"), json.dumps(whole).encode("utf-8"))
+    return written

@@ -1,0 +1,278 @@
+"""A run folder: what makes two runs the same run, and what is noted of it and of its models once it is computed.
+
+Latency is the CPU time that one picture takes a model, from the picture to its answer.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from itertools import chain, cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blurnoise._core.writing import remove_made
+from blurnoise.camera import Camera
+from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, sample
+from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.plan.conditions import Part, SweepPlan
+from blurnoise_eval.run.coco_export import write_truth
+from blurnoise_eval.run.contract_checks import Comparison
+from blurnoise_eval.run.run import Run
+from blurnoise_eval.scoring.on_picture import Model, Picture8
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.system.files import RUN_FILE, RUN_FILES, RUN_PICTURES, check_outputs, writing
+from blurnoise_eval.system.machine import hardware, limited_threads, versions
+from blurnoise_eval.system.urls import is_url
+
+HARMLESS = ("id",)
+"""Fields of annotations that reach neither a pixel nor a box."""
+_LONGEST_SHOWN = 24  # letters of a value in an error
+_MOST_SHOWN = 5  # differences
+_PICTURES, _WARM_UP, _FEWEST, _MOST, _SECONDS = 8, 3, 10, 60, 3.0  # of latency: pictures, runs, seconds
+
+
+def open_run(
+    store: Store,
+    models: Sequence[Model],
+    camera: Camera,
+    pictures: PictureSet,
+    plan: SweepPlan,
+    facts: dict[str, Any],
+    *,
+    whole: PictureSet | None = None,
+    part: Part | None = None,
+) -> None:
+    """Note in the store what the run is; one without any answer, of a first attempt, is taken over.
+
+    ``facts``: what else the report shows (command, threads). part: which of the pictures of ``whole`` these are.
+    Raises :class:`StoreError` that lists what differs from the run in the store, ``ValueError`` for two models of one
+    name.
+    """
+    names = [model.name for model in models]
+    if len(set(names)) < len(names):
+        raise ValueError(f"model = {names}: must have different names; rename one, as in model.name = 'b'")
+    if plan.picture_tone != "srgb" and pictures.kind == "rendered":
+        raise ValueError("picture_tone: needs pictures of your own; rendered pictures are sRGB-coded")
+    every = whole or pictures
+    identity = {
+        "model": [
+            {"name": each.name, "sha256": each.sha256, "contract": _unsourced(each.contract.to_dict())}
+            for each in models
+        ],
+        "camera": _unsourced(camera.to_dict()),
+        "plan": plan.to_dict(),
+        "pictures": _digest(repr([picture.name for picture in every])),
+        "choice of targets": _digest(repr([picture.targets for picture in every])),
+    }
+    if plan.cuts:
+        identity["annotations"] = _digest(repr([_annotations(picture) for picture in every]))
+    if part is not None and part.count > 1:
+        identity["part"] = str(part)
+    identity = json.loads(json.dumps(identity))  # lists for tuples, as the store has them
+    held, answered = store.about("identity"), queries.has_answers(store)
+    if held is not None and held != identity and not answered:
+        store.clear()
+        held = None
+    differing = [] if held is None else differences(held, identity)
+    if answered:
+        differing += differences(Run(store).manifest["versions"], versions(), "software")
+    differing += [f"picture {picture.name!r}" for picture in _replaced(pictures, store)]
+    if differing:
+        raise StoreError(
+            f"run = {str(store.folder)!r}: holds a run with another {listed(differing)}; "
+            "choose another folder; a run is resumed with the same command and the same version of blurnoise"
+        )
+    write_truth(pictures, store.folder, whole)
+    store.set_about("identity", identity)
+    before = {} if store.about("manifest") is None else Run(store).models
+    images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
+    if pictures.folder:
+        images["at"] = {name: _absolute(str(getattr(pictures, name))) for name in ("source", "folder")}
+    manifest = {
+        "title": f"{', '.join(names)} seen through {camera.name}",
+        "models": [{**before.get(model.name, {}), **_about(model, pictures)} for model in models],
+        "camera": camera.to_dict(),
+        "images": {**images, "count": len(pictures)},
+        "seed": plan.seed,
+        "grey_anchor": plan.grey_anchor,
+        "trajectory": None if plan.path is None else {**asdict(plan.path[0]), "longest_s": plan.path[1]},
+        "versions": versions(),
+        "hardware": hardware(),
+    }
+    store.set_about("manifest", {**manifest, **facts})
+
+
+def _absolute(place: str) -> str:
+    return place if is_url(place) else str(Path(place).absolute())
+
+
+def differences(held: Any, here: Any, at: str = "") -> list[str]:
+    """What differs between two documents: 'camera.f_number (2.0 there, 2.8 here)'."""
+    one, other = _flat(held, at), _flat(here, at)
+    found = {path: (one.get(path), other.get(path)) for path in {**one, **other}}
+    texts = {path: f" ({a} there, {b} here)" for path, (a, b) in found.items() if a != b}
+    return [path + text * (len(text) <= 2 * _LONGEST_SHOWN) for path, text in texts.items()]
+
+
+def _flat(document: Any, at: str) -> dict[str, Any]:
+    """The values of a document by their paths."""
+    if not isinstance(document, Mapping | list) or not document:
+        return {at: document}
+    pairs = document.items() if isinstance(document, Mapping) else enumerate(document)
+    return {path: v for key, each in pairs for path, v in _flat(each, f"{at}.{key}".lstrip(".")).items()}
+
+
+def listed(differing: Sequence[str]) -> str:
+    """Differences in a line."""
+    more = len(differing) - _MOST_SHOWN
+    return " and ".join([*differing[:_MOST_SHOWN], *([f"{more} more"] if more > 0 else [])])
+
+
+def _replaced(pictures: PictureSet, store: Store) -> Iterator[Picture]:
+    """Pictures that have changed since their cells were computed; a picture is read only if its file has changed."""
+    held = store.pictures()
+    for picture in (each for each in pictures if each.name in held):
+        before = held[picture.name]
+        if before.identity == picture.identity:
+            continue
+        try:
+            now = content(picture.load())
+        except UnreadablePicture:
+            now = ""
+        if now != before.content:
+            yield picture
+        else:
+            store.note_picture(picture.name, before._replace(identity=picture.identity))
+
+
+def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
+    file, contract = str(getattr(model, "source", model.path)), model.contract.to_dict()
+    about = {"name": model.name, "kind": "reader", "unknown_labels": [], "file": file, "sha256": model.sha256}
+    if isinstance(model, Detector):
+        unknown = sorted(set(pictures.categories) - set(model.contract.classes))
+        about |= {"kind": "detector", "unknown_labels": unknown}
+        contract["input_size_px"] = list(model.input_size_px)
+    return {**about, "contract": contract}
+
+
+def _digest(text: str) -> str:
+    return hashlib.blake2b(text.encode("utf-8", "backslashreplace"), digest_size=16).hexdigest()
+
+
+def _annotations(picture: Picture) -> list[Any]:
+    """What a data set says of targets beside their boxes, such as polygons that they are cut out by."""
+    every = [target.annotation.items() for target in picture.targets or ()]
+    return [sorted((name, repr(value)) for name, value in each if name not in HARMLESS) for each in every]
+
+
+def _unsourced(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if key != "sources"}
+
+
+@contextmanager
+def begun_or_gone(
+    folder: Path, models: Sequence[Model], pictures: PictureSet, *, overwrite: bool = False
+) -> Iterator[None]:
+    """A run is begun in the folder, or goes on there. Where the body fails before a cell is finished or a picture is
+    skipped, whatever it has made is deleted, and nothing else.
+
+    overwrite: as of :func:`~blurnoise_eval.evaluation.evaluate`. Raises ``OSError`` where the run or its report could
+    not be written.
+    """
+    files = chain(
+        [Path(pictures.source)], (Path(str(pictures.folder or ""), picture.name) for picture in pictures)
+    )
+    weights = (getattr(model, "path", None) for model in models)  # at a URL nothing of this machine
+    inputs = chain((path for path in weights if isinstance(path, Path)), files)
+    with writing(overwrite=overwrite, inputs=inputs) as own:
+        below = [folder / name for name in (*RUN_PICTURES, "coco")]
+        check_outputs(folder, *RUN_FILES, *(f"{name}/" for name in RUN_PICTURES))
+        stores = [folder / f"{RUN_FILE}{suffix}" for suffix in ("", "-wal", "-shm")]
+        new = [each for each in (*stores, *below, folder, *folder.parents) if not each.exists()]
+        since = len(own.made)
+        try:
+            yield
+        except BaseException:
+            if stores[0] in new and not _has_begun(folder):
+                remove_made(own, since)
+                for each in new:
+                    with suppress(OSError):  # missing, or not empty
+                        each.unlink() if each in stores else each.rmdir()
+            raise
+
+
+def _has_begun(folder: Path) -> bool:
+    try:
+        with Store(folder) as store:
+            return queries.has_begun(store)
+    except StoreError:  # no file, or another process has it
+        return (folder / RUN_FILE).is_file()
+
+
+def note_models(
+    store: Store,
+    models: Sequence[Model],
+    pictures: PictureSet,
+    comparisons: Mapping[str, Comparison],
+    *,
+    computed: int,
+) -> None:
+    """Add to the run's manifest each model's latency, once, and what comparing its contract showed.
+
+    computed: cells, now; where there are none, a model of which these are noted keeps its notes.
+    """
+    manifest = store.about("manifest")
+    for model, about in zip(models, manifest["models"], strict=True):
+        if not computed and "latency" in about:
+            continue
+        about["latency"] = about.get("latency") or latency(model, pictures)
+        if model.name in comparisons:
+            about["suspicions"] = list(comparisons[model.name].doubts)
+    store.set_about("manifest", manifest)
+
+
+def latency(model: Model, pictures: PictureSet) -> dict[str, Any]:
+    """CPU time, ms, median and 95th percentile over a few pictures in turns, one at a time on one thread.
+
+    Preparing the picture and decoding the outputs are included. Empty where no picture can be read, or the model
+    fails on one.
+    """
+    prepared = [(image, _boxes(picture, image)) for picture, image in sample(pictures, _PICTURES)]
+    if not prepared:
+        return {}
+    warm_up, times_s = max(_WARM_UP, len(prepared)), list[float]()
+    try:
+        with limited_threads(1):
+            for count, (image, boxes) in enumerate(cycle(prepared), start=1 - warm_up):
+                started_s = time.process_time()
+                if isinstance(model, Detector):
+                    model.detect(image)
+                else:
+                    model.read(image, boxes)
+                times_s.append(time.process_time() - started_s)
+                if count == _MOST or (count >= _FEWEST and sum(times_s[warm_up:]) > _SECONDS):
+                    break
+    except ModelError:
+        return {}
+    median_ms, p95_ms = 1e3 * np.percentile(times_s[warm_up:], (50, 95))
+    return {
+        "median_ms": float(median_ms),
+        "p95_ms": float(p95_ms),
+        "threads": 1,
+        "runs": len(times_s) - warm_up,
+        "pictures": len(prepared),
+    }
+
+
+def _boxes(picture: Picture, image: Picture8) -> list[tuple[float, float, float, float]]:
+    whole = (0.0, 0.0, float(image.shape[1]), float(image.shape[0]))
+    return [target.box_xyxy for target in picture.targets or () if target.text is not None] or [whole]

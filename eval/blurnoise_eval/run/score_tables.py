@@ -1,0 +1,225 @@
+"""The scores of a run, and their tables in the unit of a criterion.
+
+Scores are computed once and kept in the store until cells are added.
+Domain: criteria as in :mod:`blurnoise_eval.answers.criterion`; names of pictures as the store has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise.camera import Camera
+from blurnoise.picture.develop import tones_8bit
+from blurnoise_eval.answers import criterion as criteria
+from blurnoise_eval.answers.clusters import cluster_of
+from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.monotone import is_uniform, pooled
+from blurnoise_eval.answers.per_condition import Scored, conditions_of, numbered, scored
+from blurnoise_eval.answers.recommendation import Averages, averages
+from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of, tables_by_size
+from blurnoise_eval.datasets import DOUBTFUL_LABELS
+from blurnoise_eval.plan.axes import NAMES, SETTING
+from blurnoise_eval.plan.question import Question
+from blurnoise_eval.run.coco_export import truths
+from blurnoise_eval.run.run import Run
+from blurnoise_eval.scoring.evaluated import NO_TRUTH, Evaluated
+from blurnoise_eval.scoring.movers import box_mover, box_sweeper
+from blurnoise_eval.scoring.scores import of_conditions
+from blurnoise_eval.scoring.uncertainty import Estimate
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.queries import TargetColumns, target_columns
+from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.store.store import Store
+
+LEAST_AP50 = 0.05
+"""On the labelled original pictures: a detector below this has no answers."""
+_SCORES, _VERSION = "scores", 8  # under which the store keeps the scores; of how they are computed
+_DARK = 0.09  # of full scale: half of what auto-exposure aims at
+
+
+def criterion_of(run: Run, question: Question | None = None) -> Criterion:
+    """The criterion of a run, see :func:`.criterion_for`. What ``question`` leaves open is as the sweep was asked.
+
+    Raises ``ValueError``, also for the pattern of clusters of a run that is not trusted: a search for it may never
+    end.
+    """
+    earlier = run.question
+    asked = earlier if question is None else question.filled_from(earlier)
+    if not run.trusted and earlier.cluster is not None and (question is None or question.cluster is None):
+        raise ValueError(
+            f"cluster = {earlier.cluster!r}: is of a run that is not your own; specify it again if it is harmless"
+        )
+    reads = any(model["kind"] == "reader" for model in run.models.values())
+    rendered = run.manifest["images"]["kind"] == "rendered"
+    return criteria.criterion_for(asked, rendered=rendered, reads=reads, labelled=run.labelled)
+
+
+def run_scores(
+    store: Store,
+    cluster: str | None,
+    progress: Callable[[int], None] = lambda scores: None,
+    *,
+    by_size: str | None = None,
+) -> list[Scored]:
+    """The scores of each model and condition. by_size: "ap" or "ap50" by the size of targets, too."""
+    names = [score.name for score in of_conditions()]
+    made_of: dict[str, Any] = {"of": queries.count_rows(store), "cluster": cluster, "by_size": by_size}
+    made_of |= {"version": _VERSION, "scores": names}
+    kept = store.about(_SCORES, own=True)
+    if kept is not None and made_of == {name: kept.get(name) for name in made_of}:
+        return [
+            Scored(
+                row, _estimate(performance), {size: _estimate(each) for size, each in sizes.items()}, counts
+            )
+            for row, performance, sizes, counts in kept["found"]
+        ]
+    found = []
+    for each in _scored(store, cluster, by_size):
+        found.append(each)
+        progress(1)
+    store.keep(_SCORES, made_of | {"found": found})
+    return found
+
+
+def _estimate(kept: Sequence[Any]) -> Estimate:
+    """As JSON has it: a list."""
+    value, influence, cautious = kept
+    away = None if influence is None else np.array(influence, float)
+    return Estimate(value, away, None if cautious is None else _estimate(cautious))
+
+
+def _scored(
+    store: Store, cluster: str | None, by_size: str | None = None, *, original_only: bool = False
+) -> Iterator[Scored]:
+    run = Run(store)
+
+    def moves(row: Mapping[str, Any]) -> tuple[Any, Any]:
+        exposure = run.exposure(row)
+        return box_mover(exposure, run.objects), box_sweeper(exposure, run.objects)
+
+    clusters = numbered(queries.pictures_seen(store), cluster)
+    conditions = conditions_of(store, list(run.models), clusters, original_only=original_only)
+    return scored(store, conditions, truths(store), moves, clusters, by_size)
+
+
+def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+    """Why detectors have no answer: their AP50 on the labelled original pictures is below ``LEAST_AP50``.
+
+    Such a detector has a wrong contract or knows other classes, so its score says nothing about an exposure.
+    """
+    if not manifest["images"]["labelled"]:
+        return {}
+    detectors = {model["name"] for model in manifest["models"] if model["kind"] == "detector"}
+    clean = {row["model"]: row.get("ap50") for row in scores if row["clean"] and row["model"] in detectors}
+    notes = manifest["images"].get("notes", ())
+    doubts = [note.removeprefix(DOUBTFUL_LABELS) for note in notes if note.startswith(DOUBTFUL_LABELS)]
+    labels = f"Are the labels right? {'; '.join(doubts)}. Else: is" if doubts else "Is"
+    return {
+        name: f"no exposure is recommended, because the AP50 on the original pictures is {ap50:.3f}, below "
+        f"{LEAST_AP50:g}. {labels} the contract right (blurnoise inspect --probe), and does the model know these "
+        "classes?"
+        for name, ap50 in clean.items()
+        if ap50 is not None and ap50 < LEAST_AP50
+    }
+
+
+def withheld_models(store: Store, cluster: str | None = None) -> dict[str, str]:
+    """As :func:`models_withheld`, from the scores on the original pictures alone."""
+    clean = _scored(store, cluster, original_only=True)
+    return models_withheld(store.about("manifest"), (each.row for each in clean))
+
+
+def score_tables(
+    store: Store, criterion: Criterion, scored_by_size: Sequence[Scored] | None = None
+) -> Iterator[ScoreTable]:
+    """The tables of a run, one for each model and group of targets.
+
+    scored_by_size: what :func:`run_scores` gives by size, for a score that belongs to no single target.
+    """
+    if criterion.of is not None and criterion.of.by_size is not None:
+        found = scored_by_size or run_scores(store, criterion.cluster, by_size=criterion.score)
+        yield from tables_by_size(found, criterion.kept)
+        return
+    for model in queries.models_seen(store):
+        yield from _of_model(store, model, criterion)
+
+
+def _of_model(store: Store, model: str, criterion: Criterion) -> Iterator[ScoreTable]:
+    """One model's, group after group."""
+    columns = target_columns(store, model)
+    if criterion.of is not None and criterion.of.of_targets is not None:
+        values = criterion.of.of_targets(columns)  # NaN where a row has none
+    else:
+        confidence = alarm_confidence(store, model, criterion.alarms_per_picture or 0.0)
+        values = (columns.confidence > confidence).astype(float)
+    rows = [dict(zip(CONDITIONS, each, strict=True)) for each in columns.conditions]
+    is_clean = np.array([bool(row["clean"]) for row in rows], bool)
+    original = is_clean[columns.condition] if len(rows) else np.zeros(0, bool)
+    clean = _clean_values(columns, values, original)
+    as_set = iter(queries.as_set(store, [row for row in rows if not row["clean"]]))
+    taken = [row if row["clean"] else next(as_set) for row in rows]
+    conditions = {
+        name: np.array([np.nan if row["clean"] else row[name] for row in taken], float) for name in NAMES
+    }
+    group = np.where(original, -1, columns.group)
+    order = np.lexsort((columns.target_id, columns.repeat, columns.picture, group))
+    order = order[np.count_nonzero(original) :]
+    for here in np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else ():
+        some = columns.rows(here)
+        of = model, columns.groups[int(some.group[0])], conditions, some, values[here], clean[here]
+        table = table_of(*of, partial(cluster_of, pattern=criterion.cluster), kept=criterion.kept)
+        if table is not None:
+            yield table
+
+
+def _clean_values(
+    columns: TargetColumns, values: NDArray[np.float64], original: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """The score of each row's target in the original picture, NaN where it is unknown."""
+    most = 1 + int(columns.target_id.max(initial=0))
+    every = columns.picture.astype(np.int64) * most + columns.target_id
+    different, key = np.unique(every, return_inverse=True)
+    of_target: NDArray[np.float64] = np.full(len(different), np.nan)
+    of_target[key[original]] = values[original]
+    return np.asarray(of_target[key])
+
+
+def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> list[Averages]:
+    """The averages from which each model's recommendations are made: pooled over speeds where motion can only hurt,
+    with saturated shares as means over pictures."""
+    monotone = store.about("manifest").get("trajectory") is None
+    shares = queries.saturated_shares(store)
+    of_model: dict[str, list[ScoreTable]] = {}
+    for table in tables:
+        keys = zip(*(table.conditions[name].tolist() for name in ORDER), strict=True)
+        of_pictures = np.array([shares.get(key) for key in keys], float)
+        by_picture = np.where(np.isnan(of_pictures), table.saturated, of_pictures)
+        of_model.setdefault(table.model, []).extend(replace(table, saturated=by_picture).split(SETTING))
+    return [
+        averages(
+            [pooled(each) if monotone and is_uniform(each) else each for each in own],
+            level,
+            monotone=monotone and all(map(is_uniform, own)),
+        )
+        for own in of_model.values()
+    ]
+
+
+def dark_below(camera: Camera) -> float:
+    """Mean brightness, 0-1, of a picture at half of the level that auto-exposure aims at."""
+    black = camera.sensor.black_level_dn
+    place = round(black + _DARK * (camera.sensor.full_scale_dn - black))
+    return int(tones_8bit(camera)[place]) / 255
+
+
+def alarm_confidence(store: Store, model: str, rate: float) -> float:
+    """The confidence above which a model's original pictures give at most ``rate`` false alarms each."""
+    (clean,) = [row for row in queries.condition_counts(store, model) if row["clean"]]
+    found = Evaluated({}, truths(store)(model) or NO_TRUTH, queries.answers_at(store, model, clean))
+    return found.alarms_from(0.0).confidence_at(rate)

@@ -1,0 +1,275 @@
+"""Work of a sweep: its cells in blocks, each a worker's task; models and camera, which travel; and a worker.
+
+A cell (see :mod:`blurnoise_eval.plan.conditions`) is what :func:`blurnoise.simulate` with the cell's seed gives,
+whoever computes it and in whatever order.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from itertools import groupby, pairwise, product
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone
+from blurnoise.motion.ego import Vehicle
+from blurnoise.scene.metering import USUAL, AutoExposure
+from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
+from blurnoise_eval.datasets.likeness import look
+from blurnoise_eval.plan.axes import NAMES, blur_px
+from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan, cell_seed
+from blurnoise_eval.plan.lamps import Lamps
+from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
+from blurnoise_eval.run.exposing import Frame, Scene, frames
+from blurnoise_eval.scoring.matching import FOUND_SCORE
+from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View
+from blurnoise_eval.store.store import CellResult, PictureFacts
+
+_CELLS = 8  # at least, that a worker computes before it reports: a block costs whoever hands it out 1 to 2 ms
+EXAMPLES, _EXAMPLE_PICTURES = "examples", 3  # folder of the run; how many are kept
+
+
+@dataclass(frozen=True)
+class Block:
+    """Cells of one picture. examples: ids of those whose pictures are kept, for people to look at."""
+
+    picture: Picture
+    cells: tuple[Cell, ...]
+    examples: frozenset[str] = frozenset()
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Block]) -> Block:
+        """One block with the cells of all, which are of one picture."""
+        cells = tuple(cell for block in blocks for cell in block.cells)
+        return cls(blocks[0].picture, cells, frozenset().union(*(block.examples for block in blocks)))
+
+    def without(self, done: Collection[str]) -> Block:
+        """Those cells whose ids are not ``done``."""
+        todo = tuple(cell for cell in self.cells if cell.cell_id not in done)
+        return Block(self.picture, todo, self.examples)
+
+
+def count_cells(pictures: PictureSet, plan: SweepPlan) -> int:
+    """How many cells a sweep has, the clean ones included."""
+    return len(pictures) * cells_per_picture(plan)
+
+
+def cells_per_picture(plan: SweepPlan) -> int:
+    """How many cells each picture has, the clean one included."""
+    return 1 + plan.repeats * len(plan.conditions())
+
+
+def blocks(pictures: PictureSet, plan: SweepPlan) -> Iterator[Block]:
+    """Every cell once. A picture's clean cell, which prepares it, comes before the last one's conditions."""
+    shown = _example_pictures(pictures) if plan.examples else set()
+    kept, together = (None, *plan.example_conditions()), _together(plan.conditions())
+
+    def block(picture: Picture, repeat: int, some: Iterable[Conditions | None]) -> Block:
+        seed = cell_seed(plan.seed, picture.name, repeat)
+        cells = tuple(Cell(picture.name, repeat, at, seed) for at in some)
+        if picture.name not in shown or repeat:
+            return Block(picture, cells)
+        return Block(picture, cells, frozenset(each.cell_id for each in cells if each.conditions in kept))
+
+    for before, picture in pairwise([None, *pictures, None]):
+        if picture is not None:
+            yield block(picture, 0, [None])
+        if before is not None:
+            for repeat, some in product(range(plan.repeats), together):
+                yield block(before, repeat, some)
+
+
+def _together(conditions: Iterable[Conditions]) -> list[list[Conditions]]:
+    """Conditions in their order, enough for a block at a time; the lights of one blur and exposure stay together."""
+    found: list[list[Conditions]] = []
+    for _, lights in groupby(conditions, key=lambda at: (at.blurs_as, at.exposure_s)):
+        if not found or len(found[-1]) >= _CELLS:
+            found.append([])
+        found[-1] += lights
+    return found
+
+
+def _example_pictures(pictures: Iterable[Picture]) -> set[str]:
+    """The pictures with the largest targets, or the first ones without labels."""
+
+    def largest(picture: Picture) -> float:
+        boxes = (target.box_xyxy for target in picture.targets or ())
+        return max(((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in boxes), default=0.0)
+
+    return {picture.name for picture in sorted(pictures, key=largest, reverse=True)[:_EXAMPLE_PICTURES]}
+
+
+@dataclass(frozen=True)
+class Work:
+    """What every block needs beside itself. It pickles; models are opened again where it arrives."""
+
+    models: tuple[Model, ...]
+    camera: Camera
+    grey_anchor: str | None = None
+    picture_tone: PictureTone = "srgb"
+    auto_exposure: AutoExposure = USUAL
+    objects: Objects = USUAL_OBJECTS
+    path: tuple[TrajectorySpec, float] | None = None
+    ego: Vehicle | None = None
+    lamps: Lamps | None = None
+    hdr_white: float = 1.0
+
+    def open(self, pictures_held: int) -> Worker:
+        """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
+        return Worker(self, pictures_held)
+
+
+class PreparedPicture(NamedTuple):
+    """A picture as light, every model's answer to it as it is, and what of it the store notes."""
+
+    scene: Scene
+    views: list[View]
+    facts: PictureFacts
+
+    @classmethod
+    def of(cls, picture: Picture, work: Work) -> PreparedPicture:
+        """Raises ``UnreadablePicture``."""
+        image = picture.load()
+        height, width = image.shape[:2]
+        if work.camera.sensor.cfa not in ("none", "mono") and min(height, width) < 2:
+            raise UnreadablePicture(
+                f"{picture.name}: {width} x {height} px; must be at least 2 x 2 for a camera with a mosaic"
+            )
+        try:
+            scene = Scene(
+                image,
+                work.grey_anchor,
+                picture,
+                work.objects,
+                work.picture_tone,
+                work.lamps,
+                work.hdr_white,
+            )
+        except UnreadablePicture as error:
+            raise UnreadablePicture(f"{picture.name}: {error}") from None
+        views: list[View] = [View(model, picture, scene.image8) for model in work.models]
+        return cls(scene, views, PictureFacts(picture.identity, content(image), width, height, look(image)))
+
+
+class Worker:
+    """Computes blocks; any number of threads may ask at once. Pictures in use are prepared once, and kept."""
+
+    def __init__(self, work: Work, pictures_held: int) -> None:
+        self._work, self._held = work, pictures_held
+        self._prepared: OrderedDict[tuple[str, str], Future[PreparedPicture]] = OrderedDict()
+        self._lock = threading.Lock()
+        self._interrupted = False
+
+    def compute(self, block: Block) -> list[CellResult]:
+        """Simulate each cell's picture and ask every model: one result per cell and model.
+
+        Raises :class:`~blurnoise_eval.datasets.UnreadablePicture`; a picture on which a model fails is noted in
+        its row.
+        """
+        return list(self._results(self._picture(block.picture), block))
+
+    def interrupt(self) -> None:
+        """End what other threads compute, for good."""
+        self._interrupted = True
+        for model in self._work.models:
+            if hasattr(model, "interrupt"):  # a reader of somebody else may have none
+                model.interrupt()
+
+    def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
+        work = self._work
+        taken = work.auto_exposure, work.path, work.ego
+        for frame in frames(prepared.scene, block.cells, work.camera, *taken):
+            kept = frame.cell.cell_id in block.examples
+            example = f"{EXAMPLES}/{frame.cell.cell_id}.png" if kept else None
+            png = encode(frame.image) if kept else None
+            for each in prepared.views:
+                if self._interrupted:
+                    raise InterruptedError(block.picture.name)
+                sight = (
+                    each.clean
+                    if frame.cell.conditions is None
+                    else each.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
+                )
+                result = cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.facts)
+                if work.lamps is not None and work.lamps.pwm is not None:
+                    lamp = frame.exposure and frame.exposure.lamp
+                    result.cell.update(pwm_phase=lamp and lamp.phase, missed_pulse=frame.missed_pulse)
+                yield result
+
+    def _picture(self, picture: Picture) -> PreparedPicture:
+        """Prepared by whichever thread needs it first."""
+        key = picture.name, picture.identity  # a worker may outlive a picture's file
+        with self._lock:
+            mine = key not in self._prepared
+            prepared = self._prepared.setdefault(key, Future())
+            self._prepared.move_to_end(key)  # those that were used longest ago come first
+            for other in [other for other, each in self._prepared.items() if each.done()]:
+                if len(self._prepared) > self._held:
+                    del self._prepared[other]
+        if mine:
+            try:
+                prepared.set_result(PreparedPicture.of(picture, self._work))
+            except BaseException as error:
+                prepared.set_exception(error)
+        return prepared.result()
+
+
+def cell_result(
+    frame: Frame,
+    model: str,
+    camera: Camera,
+    sight: ModelOutput,
+    example: str | None,
+    example_png: bytes | None,
+    facts: PictureFacts | None = None,
+) -> CellResult:
+    """The rows of one cell and model. example: where the frame is kept in the run's folder, as PNG."""
+    cell, at, taken = frame.cell, frame.cell.conditions, frame.exposure
+    shared = {
+        "cell_id": cell.cell_id,
+        "model": model,
+        "camera": camera.name,
+        "image": cell.image,
+        "repeat": cell.repeat,
+        "clean": at is None,
+        **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
+        "blur_px": taken and at and blur_px({**at.stated, "exposure_s": taken.exposure_s}),
+    }
+    rows = [{**shared, **row, "inpainted_share": None} for row in sight.targets]
+    if taken is not None and taken.drives and rows:
+        height, width = frame.image.shape[:2]
+        middles = torch.tensor([[row["x0"] + row["x1"], row["y0"] + row["y1"]] for row in rows]).double() / 2
+        blurs = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1).tolist()
+        rows = [{**row, "blur_px": blur} for row, blur in zip(rows, blurs, strict=True)]
+    for row in rows if at is not None else ():
+        row["inpainted_share"] = frame.invented.get(row["target_id"], 0.0)
+        row["blur_px"] = frame.own_px.get(row["target_id"], row["blur_px"])
+    invented = [row["inpainted_share"] for row in rows]
+    confidences = np.array([row["confidence"] for row in rows])
+    summary = {
+        "seed": cell.seed,
+        "n_targets": len(rows),
+        "target_confidence": float(confidences.mean()) if rows else None,
+        "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
+        "n_detections": len(sight.detections.leading),
+        "saturated_share": frame.saturated,
+        "applied_exposure_s": taken and taken.exposure_s,
+        "applied_gain_db": taken and taken.gain_db,
+        "snr_db": frame.snr_db,
+        "brightness": frame.brightness,
+        "inpainted_share": (float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
+        "simulate_ms": frame.simulate_ms,
+        "infer_ms": sight.infer_ms,
+        "error": sight.error,
+        "example": example,
+        "non_finite_values": sight.non_finite_values,
+    }
+    return CellResult({**shared, **summary}, tuple(rows), sight.detections, example_png, facts)

@@ -1,1 +1,0 @@
-"""Do simulated frames behave like real ones? Measures of both, verdicts, and a classifier that tells them apart."""

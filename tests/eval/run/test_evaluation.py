@@ -1,0 +1,137 @@
+"""One door: what Python evaluates and what ``blurnoise sweep`` writes are the same."""
+
+import json
+from dataclasses import replace
+
+import commands
+import pandas as pd
+import pytest
+from band_readers import band_reader
+from blurnoise_eval import Evaluation, datasets, evaluate, expose
+from blurnoise_eval.default_camera import default_camera
+from blurnoise_eval.evaluation import usual_pictures, usual_plan
+from blurnoise_eval.plan.question import Question
+from blurnoise_eval.report.run import TABLES
+from blurnoise_eval.run import identity
+from blurnoise_eval.store.store import StoreError
+from blurnoise_models.detector import STOP_SIGN
+from plans import plan as swept
+from signs_in_memory import some_pictures
+
+PLAN = swept((0.002, 0.01), (50.0,), (0.0, 400.0), gain_db=(0.0,))
+OPTIONS = "--exposure-ms 2,10 --lux 50 --dx 0,400 --gain 0 --camera imx250 --no-refine --threads 1 --json"
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    some_pictures(folder)
+    return datasets.image_folder(folder)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, detector, pictures):
+    folder = tmp_path_factory.mktemp("run")
+    return evaluate(detector.path, pictures, "imx250", PLAN, output=folder, refine=False)
+
+
+def timeless(rows):
+    return [{k: v for k, v in row.items() if not k.endswith("_ms") and "latency" not in k} for row in rows]
+
+
+@pytest.mark.slow
+def test_python_and_the_command_find_the_same(done, detector, pictures, tmp_path, capsys):
+    command = ["sweep", "--model", str(detector.path), "--images", pictures.source, *OPTIONS.split()]
+    assert commands.main([*command, "-o", str(tmp_path)]) == 0
+    told = json.loads(capsys.readouterr().out)
+    by_command = Evaluation(tmp_path)
+    for name in ("cells", "targets", "scores", "curves", "models", "answers"):
+        ours, theirs = getattr(done, name), getattr(by_command, name)
+        assert len(pd.DataFrame(ours)) == len(ours) > 0, name
+        assert timeless(ours) == timeless(theirs), name
+    assert told["answers"] == json.loads(json.dumps(done.answers))
+    assert [entry["image"] for entry in done.skipped] == ["empty.png"]
+    assert done.report() == done.folder / "report.html"
+    assert {path.name for path in tmp_path.rglob("*")} == {path.name for path in done.folder.rglob("*")}
+    assert list((done.folder / "figures").glob("*.png"))
+    assert all((done.folder / name).is_file() for name in TABLES)
+    cells = pd.read_csv(done.folder / "results.csv")
+    assert list(cells["cell_id"]) == [cell["cell_id"] for cell in done.cells]
+    summaries = [json.loads((folder / "summary.json").read_text()) for folder in (done.folder, tmp_path)]
+    assert summaries[0].keys() == summaries[1].keys()
+
+
+def test_a_run_opens_again_and_goes_on(done, detector, pictures, monkeypatch):
+    monkeypatch.setattr(identity, "latency", lambda *_: pytest.fail("is known"))
+    again = evaluate([detector], pictures, "imx250", PLAN, Question(threshold=0.2), done.folder, refine=False)
+    assert (again.outcome.computed, again.outcome.resumed) == (0, 10)
+    opened = Evaluation(done.folder, Question(threshold=0.2))
+    assert opened.outcome is None
+    assert "wall_s" not in opened.summary
+    assert opened.answers == again.answers
+    with pytest.raises(StoreError, match="another plan"):
+        evaluate(detector, pictures, "imx250", replace(PLAN, seed=1), output=done.folder)
+    with pytest.raises(StoreError, match="holds no"):
+        Evaluation(done.folder / "nowhere")
+
+
+def test_not_told_it_is_the_default_sweep(monkeypatch, tmp_path):
+    seen = []
+
+    def watched(*arguments, **_):
+        seen.append((*arguments, arguments[4].about("identity")))  # in the store, of which nothing stays
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("blurnoise_eval.run.computing.run", watched)
+    assert commands.main(["sweep", "-o", str(tmp_path / "command")]) == 130
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(output=tmp_path / "python")
+    by_command, by_python = seen
+    assert [each.path for each in by_command[0]] == [each.path for each in by_python[0]] == [STOP_SIGN]
+    assert by_command[1] == by_python[1] == default_camera(colour=True)
+    assert [each.identity for each in by_command[2]] == [each.identity for each in by_python[2]]
+    assert by_command[3] == by_python[3] == usual_plan()
+    assert by_command[-1] == by_python[-1]
+    assert by_command[-1]["plan"]
+
+
+def test_one_picture_is_exposed_as_its_cell_was(done, pictures):
+    """The numbers of a cell, from its picture, conditions and seed."""
+    row = next(row for row in done.cells if not row["clean"] and row["velocity_x_px_s"])
+    picture = next(each for each in pictures if each.name == row["image"])
+    at = {name: row[name] for name in PLAN.grid}
+    seen = expose(picture, "imx250", seed=row["seed"], **at)
+    assert (seen.snr_db, seen.brightness) == (row["snr_db"], row["brightness"])
+    assert seen.image.shape == picture.load().shape
+    with pytest.raises(ValueError, match="axis = 'exposure_ms': must be one of exposure_s"):
+        expose(picture, "imx250", exposure_ms=5)
+    with pytest.raises(ValueError, match="illuminance_lux: must be specified"):
+        expose(picture.load(), "imx250", exposure_s=0.005)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "named"),
+    [
+        ({"models": []}, ValueError, "at least one"),
+        ({"camera": "pinhole"}, ValueError, "one of the presets"),
+        ({"question": Question(score="beauty")}, ValueError, "score = 'beauty'"),
+        ({"question": 0.9}, TypeError, "question = 0.9: must be a Question"),
+        ({"engine": "many"}, ValueError, "engine = 'many'"),
+        ({"models": [7]}, TypeError, "models.*must be"),
+        ({"plan": {}}, TypeError, "plan.*must be"),
+    ],
+)
+def test_bad_input_leaves_no_folder(changes, error, named, pictures, tmp_path):
+    given = {"models": None, "pictures": pictures, "plan": PLAN, "output": tmp_path / "run", **changes}
+    with pytest.raises(error, match=named):
+        evaluate(**given)
+    assert not (tmp_path / "run").exists()
+
+
+def test_readers_get_texts_and_no_detectors_beside_them(detector, tmp_path):
+    reader = band_reader(tmp_path / "rec.onnx")
+    with pytest.raises(ValueError, match="not both"):
+        evaluate([reader, detector], output=tmp_path / "run")
+    done = evaluate(reader, plan=swept((0.01,), (50.0,)), output=tmp_path / "read")
+    assert {row["truth"] for row in done.targets} == {"STOP"}
+    assert usual_pictures([detector]).source.startswith("stop signs")

@@ -1,0 +1,174 @@
+"""What a run says: what is enough, the same in every table; who has no answers; the conditions that it met."""
+
+import json
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from blurnoise_eval import Evaluation, evaluate
+from blurnoise_eval.datasets import PictureSet, Target
+from blurnoise_eval.plan.axes import SETTING
+from blurnoise_eval.plan.question import Question
+from blurnoise_eval.run.met_conditions import met_conditions
+from blurnoise_eval.run.score_tables import LEAST_AP50, dark_below, models_withheld, run_scores
+from blurnoise_eval.store.store import Store
+from made_tables import table
+from plans import IMX250
+from plans import plan as swept
+from signs_in_memory import BOX, picture, sign
+
+from blurnoise.training.table import FILE, ExposureTable
+
+PLAN = swept((0.0005, 0.01), (50.0,), (0.0, 900.0), repeats=2)
+GREY = Target("stop sign", "a grey wall", (2.0, 2.0, 12.0, 12.0))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory, detector):
+    """Nine pictures with a sign each, and a target in every one of which the model knows nothing."""
+    shown = []
+    for place in range(9):
+        box = (BOX[0] + place, BOX[1], BOX[2] + place, BOX[3])
+        targets = (Target("stop sign", "a stop sign", box), GREY)
+        one = picture(f"p{place}.png", partial(sign, right_px=place))
+        shown.append(replace(one, targets=targets, image_id=place + 1))
+    pictures = PictureSet("folder", "memory", tuple(shown), categories={"stop sign": 1})
+    return evaluate(detector, pictures, "imx250", PLAN, output=tmp_path_factory.mktemp("run")).folder
+
+
+def test_on_pictures_of_ones_own_it_is_what_is_kept(run):
+    done = Evaluation(run)
+    assert done.criterion.text == "keeps 0.9 of its confidence"
+    targets = [row for row in done.targets if row["group"] == "a stop sign"]
+    untouched = {row["image"]: row["confidence"] for row in targets if row["clean"]}
+    assert [answer["group"] for answer in done.answers] == ["a stop sign"] * 2
+    measured = []
+    for answer in done.answers:
+        assert answer["clean_score"] == pytest.approx(np.mean(list(untouched.values())))
+        for exposure_s in answer["exposures_s"]:
+            at = exposure_s, answer["velocity_x_px_s"]
+            here = [row for row in targets if (row["exposure_s"], row["velocity_x_px_s"]) == at]
+            seen, known = np.array([(row["confidence"], untouched[row["image"]]) for row in here]).sum(axis=0)
+            assert len(here) == 18
+            measured.append(seen / known)
+        assert answer["best_score"] == max(answer["confidence"])
+    slow, fast = np.split(np.array(measured), 2)
+    pooled = [np.where(slow < fast, (slow + fast) / 2, own) for own in (slow, fast)]
+    assert (slow < fast).any()
+    np.testing.assert_allclose([answer["confidence"] for answer in done.answers], pooled)
+
+
+def test_a_group_that_the_model_does_not_know_is_withheld_and_named(run):
+    summary = Evaluation(run).summary
+    (withheld,) = summary["withheld"]
+    assert (withheld["model"], withheld["group"], withheld["n_targets"]) == ("small", "a grey wall", 18)
+    assert withheld["reference"] < 1
+    assert any("a grey wall" in warning for warning in Evaluation(run).data.manifest["warnings"])
+    by_level = Evaluation(run, Question(threshold=0.6)).answers
+    assert {answer["group"] for answer in by_level} == {"a stop sign", "a grey wall"}
+
+
+@pytest.mark.parametrize(
+    ("targets", "clean", "withheld"),
+    [
+        (5, 0.1, True),
+        (2, 0.3, False),
+        (12, 0.1, False),
+        (285, 0.004, True),
+        (3000, 0.02, True),
+        (3000, 0.06, False),
+    ],
+)
+def test_more_pictures_make_no_group_known(targets, clean, withheld):
+    """285 targets of 0.004 each make more than 1 in sum, and the model finds none of them."""
+    of = {"n_targets": targets, "clean": clean, "reference": clean * targets}
+    kept = table(np.ones((1, 1, 1)), [0.01], kept=True, **of)
+    assert kept.knows_too_little == withheld
+    assert not replace(kept, kept=False).knows_too_little
+
+
+def test_ap_of_a_run_is_that_of_its_scores(run):
+    """What is kept of AP50 is the quotient of two rows of scores.csv, on average over speeds, which are pooled."""
+    done = Evaluation(run, Question(score="ap50"))
+    untouched, *exposed = done.scores
+    every = [answer for answer in done.answers if answer["group"] == "all"]
+    for exposure_s in {row["exposure_s"] for row in exposed}:
+        rows = [row["ap50"] / untouched["ap50"] for row in exposed if row["exposure_s"] == exposure_s]
+        kept = [each["confidence"][each["exposures_s"].index(exposure_s)] for each in every]
+        assert sum(kept) == pytest.approx(sum(rows))
+    assert [(each["clean_score"], each["n_targets"]) for each in every] == [(untouched["ap50"], 18)] * 2
+
+
+def test_dark_is_half_of_what_auto_exposure_aims_at():
+    """9 % is 0.332 by sRGB's own formula, 0.09 through a straight curve; to a level of 8 bits."""
+    assert dark_below(IMX250) == pytest.approx(1.055 * 0.09 ** (1 / 2.4) - 0.055, abs=1 / 255)
+    assert dark_below(IMX250.with_figures(tone=((0.0, 0.0), (1.0, 1.0)))) == pytest.approx(0.09, abs=1 / 255)
+
+
+@pytest.mark.parametrize(
+    ("ap50", "kind", "labelled", "withheld"),
+    [
+        (LEAST_AP50 - 0.001, "detector", True, True),
+        (LEAST_AP50, "detector", True, False),
+        (None, "detector", True, False),
+        (0.0, "reader", True, False),
+        (0.0, "detector", False, False),
+    ],
+)
+def test_a_detector_of_no_precision_is_withheld(ap50, kind, labelled, withheld):
+    manifest = {"models": [{"name": "m", "kind": kind}], "images": {"labelled": labelled}}
+    rows = [{"model": "m", "clean": 0, "ap50": 0.9}, {"model": "m", "clean": 1, "ap50": ap50}]
+    assert list(models_withheld(manifest, rows)) == (["m"] if withheld else [])
+
+
+@pytest.mark.parametrize(
+    ("note", "question"),
+    [
+        ("1 box left out", "Is the contract right"),
+        ("doubtful labels: shares?", "Are the labels right? shares?"),
+    ],
+)
+def test_doubtful_labels_are_asked_for_before_the_contract(note, question):
+    manifest = {"models": [{"name": "m", "kind": "detector"}], "images": {"labelled": True, "notes": [note]}}
+    assert question in models_withheld(manifest, [{"model": "m", "clean": 1, "ap50": 0.0}])["m"]
+
+
+def test_scores_are_computed_once_for_each_question(run):
+
+    def computed(by_size, cluster=None):
+        told = []
+        with Store(run) as store:
+            run_scores(store, cluster, told.append, by_size=by_size)
+        return sum(told)
+
+    computed(None)
+    assert [computed(by_size) > 0 for by_size in (None, "ap75", "ap75")] == [False, True, False]
+    assert computed("ap75", cluster=r"\.(png)") > 0
+
+
+# --- what a run leaves for training ---
+
+
+def test_conditions_are_left_for_training_with_saturation_and_what_is_recommended(tmp_path):
+    """Those for each light at each speed, at the gain that they are for; not what a light's or all average says."""
+    plan = swept((0.002, 0.01), (5.0, 50.0), (0.0, 400.0), gain_db=(6.0, 12.0))
+    every = [{"clean": False, "saturated_share": 0.25, **at.on(IMX250)} for at in plan.conditions()]
+    rows = 2 * [{"clean": True}, *every]  # of two models
+    names = ("scope", "illuminance_lux", "gain_db", "speed", "exposure_s")
+    told = [
+        {**{name: rows[1][name] for name in SETTING}, **dict(zip(names, values, strict=True))}
+        for values in (
+            ("condition", 5.0, 12.0, 400.0, 0.002),
+            ("condition", 50.0, None, 0.0, 0.01),
+            ("light", 50.0, None, 400.0, 0.002),
+        )
+    ]
+    found = met_conditions(rows, {"camera": IMX250.to_dict(), "plan": plan.to_dict()}, told)
+    (tmp_path / FILE).write_text(json.dumps(found, allow_nan=False))
+    read, held = ExposureTable.of_run(tmp_path), found["conditions"]
+    assert (read.cameras, len(read.rows)) == ((IMX250,), 13)  # three have an exposure that is recommended
+    assert [each["saturated"] for each in held] == [0.25] * 16
+    axes = ("illuminance_lux", "velocity_x_px_s", "gain_db", "exposure_s")
+    chosen = {tuple(each[name] for name in axes) for each in held if each["recommended"]}
+    assert chosen == {(5.0, 400.0, 12.0, 0.002), (50.0, 0.0, 6.0, 0.01), (50.0, 0.0, 12.0, 0.01)}
