@@ -50,8 +50,8 @@ def flat(electrons, captures, camera=FINE):
 def test_snr_falls_at_the_switch_and_range_grows(ratio, above_db, range_db):
     assert hdr.snr_db(FINE, (Capture(),), WELL_E) == pytest.approx(40.30, abs=0.005)
     assert hdr.snr_db(FINE, staggered(ratio), WELL_E) == pytest.approx(above_db, abs=0.006)
-    assert hdr.sensor.dynamic_range_db(FINE, (Capture(),)) == pytest.approx(71.1, abs=0.05)
-    assert hdr.sensor.dynamic_range_db(FINE, staggered(ratio)) == pytest.approx(range_db, abs=0.05)
+    assert hdr.dynamic_range_db(FINE, (Capture(),)) == pytest.approx(71.1, abs=0.05)
+    assert hdr.dynamic_range_db(FINE, staggered(ratio)) == pytest.approx(range_db, abs=0.05)
 
 
 @pytest.mark.parametrize(("electrons", "std_e"), [(9300.0, 184.9), (10_000.0, 357.7), (20_000.0, 565.0)])
@@ -327,7 +327,7 @@ def test_gain_changes_the_noise_of_a_fused_picture_and_not_its_brightness():
     seen = [hdr.pictures(torch.full((1, 1, 90, 90), 0.2), camera, gain_db=gain, **at) for gain in (0, 12, 40)]
     assert [float(each.mean()) for each in seen] == pytest.approx([0.2] * 3, rel=0.01)
     assert float(seen[0].std()) > 1.05 * float(seen[1].std())
-    captures, digital_db = hdr.sensor.amplified(camera, 40.0)
+    captures, digital_db = hdr.amplified(camera, 40.0)
     assert [each.gain_db for each in captures] == [24.0, 24.0]
     assert digital_db == 16.0
 
@@ -378,7 +378,7 @@ def test_frames_are_the_pictures_with_8_bits(name):
 @pytest.mark.parametrize(("name", "range_db"), [("ar0132x3", 111.4), ("ovsplit", 114.2)])
 def test_presets_reach_the_range_of_their_captures(name, range_db):
     camera = Camera.preset(name)
-    assert hdr.sensor.dynamic_range_db(camera, camera.sensor.captures) == pytest.approx(range_db, abs=0.1)
+    assert hdr.dynamic_range_db(camera, camera.sensor.captures) == pytest.approx(range_db, abs=0.1)
     ends = hdr.saturations_e(camera, camera.sensor.captures)
     expected = [5890.0, 94_240.0, 1_507_840.0] if name == "ar0132x3" else [22_000 * 49 / 200, 22_000, 790_000]
     assert ends == pytest.approx(expected, rel=2e-3)
