@@ -125,7 +125,7 @@ class Measurements:
                 camera_of(str(grid.chain), grid.camera),
                 grid.plan(repeats),
                 output=folder,
-                refine=False,
+                strategy="grid",
                 progress=False,
             )
             for row in run.targets:
