@@ -79,7 +79,7 @@ COMMANDS = {
     ],
     "paper -o run": [("--only sharpness", "only = 'sharpness'"), ("--threads 0", "threads")],
     "scenes -o run": [("--count 0", "count = 0"), ("--size 100000000", "size_px = 100000000")],
-    "quality -o run": [
+    "measure -o run": [
         ("--repeats 0", "repeats"),
         ("--exposure-ms auto", "--exposure-ms = 'auto': must be numbers"),
         ("--camera hdr.yaml", "captures"),
