@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from blurnoise_eval import STOP_SIGN, Detector, SweepPlan, datasets, evaluate
+from blurnoise_eval import STOP_SIGN, Detector, Question, SweepPlan, datasets, evaluate
 from blurnoise_models.scenes import write_coco
 from onnxruntime.quantization import CalibrationDataReader, QuantType, quantize_static
 
@@ -44,7 +44,7 @@ with tempfile.TemporaryDirectory() as name:
         activation_type=QuantType.QUInt8,
     )
     int8 = Detector(folder / "int8.onnx", contract=fp32.contract)
-    done = evaluate([fp32, int8], pictures, plan=plan, output=folder / "run", score="ap50")
+    done = evaluate([fp32, int8], pictures, plan=plan, output=folder / "run", question=Question(score="ap50"))
     models, answers = done.models, done.answers
 
 for model in models:

@@ -35,7 +35,7 @@ FLOORS: dict[str, list[set[str]]] = {
     ],
     "blurnoise.metrics": [{"values"}, {"edge", "patches"}, {"information"}],
     "blurnoise_eval": [
-        {"system", "grid", "detectors"},
+        {"system", "plan", "detectors"},
         {"datasets"},
         {"store"},
         {"scoring"},

@@ -11,8 +11,8 @@ from typing import Any
 
 from blurnoise_eval import cli
 from blurnoise_eval.cli import COMMANDS
-from blurnoise_eval.grid.plan_file import PlanFile, ProgramFile, SceneFile
-from blurnoise_eval.grid.settings import Settings
+from blurnoise_eval.plan.files import PlanFile, ProgramFile, SceneFile
+from blurnoise_eval.plan.settings import Settings
 from mkdocs.structure.files import File, Files
 
 

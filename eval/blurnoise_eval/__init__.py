@@ -16,23 +16,25 @@ if TYPE_CHECKING:
     from blurnoise_eval.detectors.python_models import PythonDetector, TorchvisionDetector
     from blurnoise_eval.evaluation import Evaluation, evaluate
     from blurnoise_eval.explorer.run import Run
-    from blurnoise_eval.grid.axes import AXES
-    from blurnoise_eval.grid.conditions import SweepPlan
+    from blurnoise_eval.plan.axes import AXES
+    from blurnoise_eval.plan.conditions import SweepPlan
+    from blurnoise_eval.plan.question import Question
     from blurnoise_eval.single_picture import expose
 
     STOP_SIGN: Path
 
 __all__ = [
-    "AXES", "STOP_SIGN", "Detector", "Evaluation", "PythonDetector", "Run", "SweepPlan", "TorchvisionDetector",
-    "datasets", "evaluate", "expose",
+    "AXES", "STOP_SIGN", "Detector", "Evaluation", "PythonDetector", "Question", "Run", "SweepPlan",
+    "TorchvisionDetector", "datasets", "evaluate", "expose",
 ]  # fmt: skip
 _FROM = {
-    "AXES": "grid.axes",
+    "AXES": "plan.axes",
     "Detector": "detectors.detector",
     "Evaluation": "evaluation",
     "PythonDetector": "detectors.python_models",
+    "Question": "plan.question",
     "Run": "explorer.run",
-    "SweepPlan": "grid.conditions",
+    "SweepPlan": "plan.conditions",
     "TorchvisionDetector": "detectors.python_models",
     "evaluate": "evaluation",
     "expose": "single_picture",

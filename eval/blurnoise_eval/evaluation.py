@@ -23,8 +23,9 @@ from blurnoise_eval.default_camera import default_for
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.detectors.python_models import Find, PythonDetector
-from blurnoise_eval.grid.axes import AXES, named
-from blurnoise_eval.grid.conditions import Part, SweepPlan
+from blurnoise_eval.plan.axes import AXES, named
+from blurnoise_eval.plan.conditions import Part, SweepPlan
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, Tables, read_run, write_tables
 from blurnoise_eval.run import computing as sweep
@@ -36,7 +37,7 @@ from blurnoise_eval.run.identity import begun_or_gone, note_models, open_run
 from blurnoise_eval.run.pictures import RunPictures
 from blurnoise_eval.run.refining import refined
 from blurnoise_eval.run.run import ENOUGH, Run
-from blurnoise_eval.run.score_tables import cluster_of_run, criterion_of
+from blurnoise_eval.run.score_tables import criterion_of
 from blurnoise_eval.run.work import count_cells
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.queries import write_exports
@@ -57,19 +58,14 @@ def evaluate(
     pictures: PictureSet | None = None,
     camera: str | Camera | None = None,
     plan: SweepPlan | None = None,
+    question: Question | None = None,
     output: str | Path | WorkingFolder = "run",
     *,
-    threshold: float | None = None,
-    keep: float | None = None,
-    score: str | None = None,
-    cluster: str | None = None,
     engine: str | Engine = "threads",
-    threads: int | None = None,
     part: str | None = None,
     refine: bool = True,
     progress: bool | None = None,
     overwrite: bool = False,
-    command: str = "blurnoise_eval.evaluate",
 ) -> Evaluation:
     """Run models over pictures under every condition of a plan, as ``blurnoise sweep`` does.
 
@@ -77,19 +73,16 @@ def evaluate(
     names of classes (:mod:`blurnoise_eval.detectors.python_models`); by default the built-in stop-sign detector.
     pictures: of :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file,
     or a camera; by default :func:`~blurnoise_eval.default_camera.default_for` these pictures.
-    plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on; for one at a
-    URL a :func:`~blurnoise_eval.system.working_folder.written_run`. keep: the share
-    of what a model reaches on the original pictures that is enough, by default 0.9; threshold: in place of it, the
-    score that is enough, by default 0.6 for rendered pictures. score: of what, see
-    :mod:`blurnoise_eval.answers.criterion`. cluster: pictures in whose names this
-    regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.
-    engine: "threads", "processes", "ray", or an :class:`~blurnoise_eval.run.engines.Engine`.
-    threads: how many of the engine's workers, by default one per core. part: "1/4": only the first quarter of the
-    pictures, by their names; :func:`~blurnoise_eval.run.merging.merge` joins the parts. refine: whether to compute
-    more exposures where a window ends between two tested ones, to a quarter of a stop
-    (:mod:`blurnoise_eval.run.refining`); a part refines nothing. progress: whether to draw a
-    bar on the terminal. overwrite: replace files in the folder that blurnoise did not write, or that were changed
-    since; inputs and folders never are. command: what the run's page gives as its origin.
+    plan: by default :func:`usual_plan`. question: the score that is enough, and the pictures that count as one; by
+    default 0.9 of the score on the original pictures, and a mean confidence of 0.6 for rendered ones. output: the
+    run's folder; a run begun there goes on; for one at a URL a
+    :func:`~blurnoise_eval.system.working_folder.written_run`. engine: "threads", "processes" or "ray" with a worker
+    per core, or an :class:`~blurnoise_eval.run.engines.Engine` such as ``ThreadEngine(2)``. part: "1/4": only the
+    first quarter of the pictures, by their names; :func:`~blurnoise_eval.run.merging.merge` joins the parts.
+    refine: whether to compute more exposures where a window ends between two tested ones, to a quarter of a stop
+    (:mod:`blurnoise_eval.run.refining`); a part refines nothing. progress: whether to draw a bar on the terminal.
+    overwrite: replace files in the folder that blurnoise did not write, or that were changed since; inputs and
+    folders never are.
 
     Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
@@ -97,19 +90,21 @@ def evaluate(
     the run cannot be written, or would replace a file that is not its own.
     """
     folder = working_folder(output)
-    computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
+    computed_by = engine_of(engine) if isinstance(engine, str) else engine
     named = find(camera) if isinstance(camera, str) else camera  # before anything is opened
     for name, value, kind in (
         ("pictures", pictures, PictureSet),
         ("camera", named, Camera),
         ("plan", plan, SweepPlan),
+        ("question", question, Question),
     ):
         if value is not None and not isinstance(value, kind):
             raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
     opened = _opened(models, pictures)
     whole = usual_pictures(opened) if pictures is None else pictures
     seen_by = default_for(whole) if named is None else named
-    check_cluster(cluster, (picture.name for picture in whole))
+    question = Question() if question is None else question
+    check_cluster(question.cluster, (picture.name for picture in whole))
     shown, own = whole, None if part is None else Part.parse(part)
     if own is not None:
         shown = replace(whole, pictures=tuple(picture for picture in whole if own.has(picture.name)))
@@ -117,18 +112,17 @@ def evaluate(
             raise ValueError(f"part = {part!r}: none of the {len(whole)} pictures are in it")
     plan = usual_plan() if plan is None else plan
     of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
-    criterion_for(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
+    criterion_for(question, reads=not isinstance(opened[0], Detector), **of_pictures)
     check_plan(plan, seen_by, shown)
-    enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     with (
         begun_or_gone(folder.path, opened, whole, overwrite=overwrite),
         Store(folder.path, create=True) as store,
         staying(computed_by) as engine_kept,
     ):
         opened, comparisons = contracts_chosen(opened, whole, say=progress)
-        facts = {"command": command, **engine_facts(engine, threads)}
+        facts = {"command": folder.command, **engine_facts(computed_by)}
         open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
-        store.set_about(ENOUGH, {**enough, "cluster": cluster})
+        store.set_about(ENOUGH, vars(question))
 
         def compute(plan: SweepPlan, advance: ProgressBar) -> Outcome:
             how: dict[str, Any] = {"progress": advance, "resumed": advance.already}
@@ -140,10 +134,10 @@ def evaluate(
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         if refine and own is None:
             wanted = criterion_of(Run(store))
-            refined(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
+            refined(store, plan, wanted, len(shown), compute, outcome, progress)
         note_models(store, opened, shown, comparisons, computed=outcome.computed)
     done: dict[str, Any] = {"outcome": outcome, "progress": progress, "images": whole, "trust": True}
-    return Evaluation(folder, **enough, cluster=cluster, **done)
+    return Evaluation(folder, question, **done)
 
 
 class Evaluation:
@@ -152,10 +146,8 @@ class Evaluation:
     ``cells``: a row per picture, condition and model. ``targets``: a row per target of these. ``scores``: a row
     per model and condition. ``curves``: one per curve over exposure or blur, with its area and where it fails.
     ``models``: a row per model. ``answers``: one per model, target group, light and velocity: where the ``criterion``
-    of ``threshold``, ``keep`` and ``score`` (as :func:`evaluate` takes them) is fulfilled, and the exposure to use.
-    ``threshold``: its level. ``outcome``: what was computed now, None for a run opened again. ``cluster``: as
-    :func:`evaluate` takes it. What is not given is as the sweep was asked. ``pandas.DataFrame`` takes each list as it
-    is.
+    of ``question`` is fulfilled, and the exposure to use. What the question leaves open is as the sweep was asked.
+    ``outcome``: what was computed now, None for a run opened again. ``pandas.DataFrame`` takes each list as it is.
     ``output``: where pages, tables and figures are written, by default the run's folder. ``images``: where the
     original pictures are, or the pictures themselves, by default where the sweep found them. trust: the run is this
     user's own, so that files outside its folder may be opened where it says they are; of runs that this user's
@@ -168,11 +160,8 @@ class Evaluation:
     def __init__(
         self,
         folder: str | Path | WorkingFolder,
-        threshold: float | None = None,
+        question: Question | None = None,
         *,
-        keep: float | None = None,
-        score: str | None = None,
-        cluster: str | None = None,
         output: str | Path | WorkingFolder | None = None,
         outcome: Outcome | None = None,
         progress: bool | None = None,
@@ -185,12 +174,10 @@ class Evaluation:
         self.outcome = outcome
         self._progress = progress
         with Run.open(self.folder, trust=trust) as run:
-            self.criterion = criterion_of(run, threshold, keep, score)
-            self.cluster = cluster_of_run(run, cluster)
-            check_cluster(self.cluster, run.store.pictures())
+            self.criterion = criterion_of(run, question)
+            check_cluster(self.criterion.cluster, run.store.pictures())
             self.pictures = RunPictures(run, images)
             """The run's original pictures, and any of its simulated ones again."""
-        self.threshold = self.criterion.level
 
     @cached_property
     def cells(self) -> Rows:
@@ -240,11 +227,11 @@ class Evaluation:
             **{name: about[name] for name in ("missing_cells", "refined")},
             "skipped": self.skipped,
             "criterion": self.criterion.row(),
-            "threshold": self.threshold,
+            "threshold": self.criterion.level,
             **{name: about[name] for name in ("withheld", "withheld_models")},
             "targets_found": about.get("targets_found", {}),
             "reflectance": reflectance(self.data),
-            "cluster": self.cluster,
+            "cluster": self.criterion.cluster,
             "software": about["software"],
             "models": self.models,
             "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
@@ -296,9 +283,7 @@ class Evaluation:
         with Store(self.folder) as store, ExitStack() as bar:
             steps = store.count_different(*CONDITIONS, "model")
             advance = bar.enter_context(ProgressBar("score", steps, self._progress))
-            return read_run(
-                store, self.criterion, cluster=self.cluster, progress=advance, on_lines=self._on_lines
-            )
+            return read_run(store, self.criterion, progress=advance, on_lines=self._on_lines)
 
 
 def usual_pictures(models: Sequence[Model]) -> PictureSet:

@@ -1,4 +1,4 @@
-"""One picture under one condition, as a sweep or a run takes it. The explorer's "Copy as Python" calls it."""
+"""One picture under one condition, as a sweep or a run takes it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import Image, Picture
-from blurnoise_eval.grid.axes import axis
-from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.plan.axes import axis
+from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.run.exposing import Frame, Scene, frames
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from blurnoise_eval import datasets
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.default_camera import camera_text, default_camera, in_colour, is_grey
 from blurnoise_eval.evaluation import evaluate
-from blurnoise_eval.grid.axes import AUTOMATIC, AXES
-from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.plan.axes import AUTOMATIC, AXES
+from blurnoise_eval.plan.conditions import SweepPlan
 from blurnoise_eval.store.store import Store, StoreError
 from signs_in_memory import matched_detector
 
@@ -56,21 +56,21 @@ def test_the_last_of_many_pictures_is_looked_at(tmp_path):
 @pytest.mark.parametrize("named", ["ar0237", "imx250", "imx250m"])
 def test_a_named_camera_wins(tmp_path, named):
     model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", True)
-    camera = manifest(evaluate(model, pictures, named, PLAN, tmp_path / "run"))
+    camera = manifest(evaluate(model, pictures, named, PLAN, output=tmp_path / "run"))
     assert camera == Camera.preset(named).to_dict()
 
 
 def test_a_run_of_another_camera_is_not_resumed(tmp_path):
     model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", True)
-    evaluate(model, pictures, "imx250", PLAN, tmp_path / "run")
+    evaluate(model, pictures, "imx250", PLAN, output=tmp_path / "run")
     with pytest.raises(StoreError, match=r"another camera\.name \(imx250 there, imx250c here\)"):
         evaluate(model, pictures, plan=PLAN, output=tmp_path / "run")
-    again = evaluate(model, pictures, "imx250", PLAN, tmp_path / "run")
+    again = evaluate(model, pictures, "imx250", PLAN, output=tmp_path / "run")
     assert again.outcome is not None
     assert again.outcome.resumed == 2
     brighter = replace(Camera.preset("imx250"), f_number=1.2)
     with pytest.raises(StoreError, match=r"another camera\.f_number \("):
-        evaluate(model, pictures, brighter, PLAN, tmp_path / "run")
+        evaluate(model, pictures, brighter, PLAN, output=tmp_path / "run")
 
 
 def test_grey_is_grey_in_spite_of_an_overlay_and_of_rounding():

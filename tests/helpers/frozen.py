@@ -150,6 +150,7 @@ def of_runs():
     from blurnoise_eval.cameras import find
     from blurnoise_eval.deciding.decision import decided
     from blurnoise_eval.evaluation import usual_plan
+    from blurnoise_eval.plan.question import Question
 
     every = datasets.rendered_signs()
     signs = replace(every, pictures=tuple(every)[:3])
@@ -163,7 +164,7 @@ def of_runs():
     with tempfile.TemporaryDirectory() as folder:
         runs = {
             name: evaluate(
-                pictures=signs, camera=camera, plan=plan, output=Path(folder, name), threads=1, progress=False
+                pictures=signs, camera=camera, plan=plan, output=Path(folder, name), progress=False
             )
             for name, (plan, camera) in plans.items()
         }
@@ -172,6 +173,7 @@ def of_runs():
             signs,
             find("imx250c"),
             usual_plan(),
+            Question(),
             Path(folder, "decide"),
             progress=False,
         )

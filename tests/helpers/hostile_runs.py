@@ -28,9 +28,8 @@ BACKTRACKS = "(s+)+(t+)+(o+)+$|((((-?.?)+)+)+)+#"
 def small_run(folder, model):
     """A run of one rendered picture, eight conditions and a detector."""
     grid = plan((0.002, 0.01), (20.0, 400.0), (0.0, 300.0), gain_db=("auto",))
-    evaluate(
-        model, rendered_signs((50,), count=1), CAMERA, grid, folder, threads=1, refine=False, progress=False
-    )
+    signs = rendered_signs((50,), count=1)
+    evaluate(model, signs, CAMERA, grid, output=folder, refine=False, progress=False)
     return folder
 
 

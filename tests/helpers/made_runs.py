@@ -10,7 +10,7 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import average_curve, averages, recommendations
 from blurnoise_eval.answers.table import ORDER, ScoreTable
-from blurnoise_eval.grid.axes import SETTING
+from blurnoise_eval.plan.axes import SETTING
 from blurnoise_eval.report.run import RunData
 from numpy.typing import NDArray
 

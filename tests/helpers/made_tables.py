@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from blurnoise_eval.answers import curves, exposure_window
 from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of
-from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.plan.axes import NAMES
 from blurnoise_eval.store.queries import TargetColumns
 from numpy.typing import NDArray
 from plans import OWN

@@ -1,7 +1,7 @@
 """Plans of a sweep, briefly."""
 
-from blurnoise_eval.grid.axes import FURTHER
-from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.axes import FURTHER
+from blurnoise_eval.plan.conditions import Conditions, SweepPlan
 
 from blurnoise import Camera
 

@@ -31,5 +31,5 @@ def squares_run(folder: Path, **how):
     opened = image_folder(folder / "pictures")
     labelled = [type(each)(each.name, targets, each.load, each.identity, each.image_id) for each in opened]
     pictures = PictureSet("folder", opened.source, tuple(labelled))
-    how = {"refine": False, "threads": 1, "progress": False, **how}
-    return evaluate(sure_of_light, pictures, "imx250", PLAN, folder / "run", **how)
+    how = {"refine": False, "progress": False, **how}
+    return evaluate(sure_of_light, pictures, "imx250", PLAN, output=folder / "run", **how)

@@ -2,7 +2,7 @@
 
 import numpy as np
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.plan.axes import NAMES
 from blurnoise_eval.store.store import CellResult
 from plans import OWN
 

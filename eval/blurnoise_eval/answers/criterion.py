@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from blurnoise._core.checks import in_range
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.scoring.scores import BOTH, Score, criteria
 
 CONFIDENCE, RATE, MATCHES = "target_confidence", "detection_rate", "exact_match"
@@ -33,13 +34,15 @@ class Criterion:
     """The score that counts as working: an absolute value or a kept share.
 
     level: the absolute value or, if ``kept``, the share of the same model's score on the same targets in the original
-    pictures. score: one of :func:`names`. Raises ``ValueError`` for a level outside 0-1, a share of 0, or another
-    score.
+    pictures. score: one of :func:`names`. cluster: the pattern by which pictures count as one, see
+    :func:`blurnoise_eval.answers.clusters.cluster_of`. Raises ``ValueError`` for a level outside 0-1, a share of 0,
+    or another score.
     """
 
     level: float
     kept: bool
     score: str = CONFIDENCE
+    cluster: str | None = None
 
     def __post_init__(self) -> None:
         in_range("keep" if self.kept else "threshold", self.level, 0.0, 1.0, above=self.kept)
@@ -85,32 +88,28 @@ class Criterion:
         return f"kept {self.noun}" if self.kept else self.noun
 
 
-def criterion_for(
-    threshold: float | None = None,
-    keep: float | None = None,
-    score: str | None = None,
-    *,
-    rendered: bool,
-    reads: bool,
-    labelled: bool = True,
-) -> Criterion:
-    """The criterion of a run: as given, else ``KEPT`` of what the original pictures give, and ``ENOUGH`` for
-    ``rendered`` pictures, whose every target a model should find.
+def criterion_for(question: Question, *, rendered: bool, reads: bool, labelled: bool = True) -> Criterion:
+    """The criterion of a run, for a question.
 
-    reads: text; readers have exact matches as the default on the user's pictures. labelled: whether the pictures have
-    labels. Raises ``ValueError`` for both a threshold and a share to keep, or a score that such models do not have,
-    or not on such pictures.
+    Where the question leaves the level open, it is ``KEPT`` of the score on the original pictures, or ``ENOUGH`` for
+    ``rendered`` pictures, in which a model should find every target. reads: the models read text; on the user's
+    pictures their default score is exact matches. labelled: whether the pictures have labels. Raises ``ValueError``
+    for a score that such models do not have, or not on such pictures.
+
+    >>> criterion_for(Question(score="ap50"), rendered=False, reads=False).text
+    'keeps 0.9 of its AP50'
     """
-    if threshold is not None and keep is not None:
-        raise ValueError(f"keep = {keep!r}: cannot be combined with threshold = {threshold!r}; specify one")
-    kept = keep is not None or (threshold is None and not rendered)
+    score = question.score
+    kept = question.keep is not None or (question.threshold is None and not rendered)
     default = (KEPT if kept else ENOUGH), (MATCHES if reads and kept and not rendered else CONFIDENCE)
-    level = keep if keep is not None else threshold
-    found = Criterion(default[0] if level is None else level, kept, score or default[1])
+    level = question.keep if question.keep is not None else question.threshold
+    criterion = Criterion(
+        default[0] if level is None else level, kept, score or default[1], cluster=question.cluster
+    )
     known = names("reader" if reads else "detector")
-    if found.score not in known and (reads or found.alarms_per_picture is None):
+    if criterion.score not in known and (reads or criterion.alarms_per_picture is None):
         kind = "text recognisers" if reads else "detectors"
         raise ValueError(f"score = {score!r}: must be one of {', '.join(known)} for {kind}")
-    if found.alarms_per_picture is not None and not labelled:
+    if criterion.alarms_per_picture is not None and not labelled:
         raise ValueError(f"score = {score!r}: needs pictures with labels, to count false alarms")
-    return found
+    return criterion

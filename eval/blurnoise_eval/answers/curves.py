@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.grid.axes import NAMES, SETTING, axis
+from blurnoise_eval.plan.axes import NAMES, SETTING, axis
 from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.system.tables import finite
 

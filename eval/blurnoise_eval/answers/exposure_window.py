@@ -21,7 +21,7 @@ from blurnoise_eval.answers.limits import DARK, Limits, Line, of_best, of_window
 from blurnoise_eval.answers.monotone import is_uniform, nested, pooled
 from blurnoise_eval.answers.recommendation import best_exposure, without_saturated
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.grid.axes import SETTING
+from blurnoise_eval.plan.axes import SETTING
 from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.system.tables import finite
 

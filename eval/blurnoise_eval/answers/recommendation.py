@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.grid.axes import EGO, EGO_SPEED, GAIN, SETTING
+from blurnoise_eval.plan.axes import EGO, EGO_SPEED, GAIN, SETTING
 from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.scoring.uncertainty import ratio_of_sums
 from blurnoise_eval.system.tables import finite

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers import plane
 from blurnoise_eval.answers.per_condition import Scored
-from blurnoise_eval.grid.axes import FURTHER, LIGHT, NAMES, SETTING, VELOCITY
+from blurnoise_eval.plan.axes import FURTHER, LIGHT, NAMES, SETTING, VELOCITY
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.uncertainty import FEW, effective, influence, ratio, ratio_of_sums

@@ -19,7 +19,7 @@ from blurnoise_eval import datasets
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.plan.conditions import SweepPlan
 from blurnoise_eval.run import computing as run
 from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.run.score_tables import score_tables
@@ -49,7 +49,7 @@ def decide(
     plan = SweepPlan(axes, examples=False)
     with Store(folder / "dense", create=True) as store:
         run.run([detector], Camera.preset("imx250"), pictures, plan, store, engine=ThreadEngine(threads))
-        tables = score_tables(store, Criterion(0.9, kept=True), None)
+        tables = score_tables(store, Criterion(0.9, kept=True))
         groups = [plane for table in tables if not table.knows_too_little for plane in table.on_plane()]
     if not groups:
         raise ValueError(

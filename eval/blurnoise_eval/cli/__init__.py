@@ -18,7 +18,7 @@ import typer
 from typer import Option
 from typer.main import get_command
 
-from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.plan.axes import AXES
 from blurnoise_eval.system.interrupts import in_order
 from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say, shortened
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Exit, Option
 
-from blurnoise_eval.grid.plan_file import PlanFile
-from blurnoise_eval.grid.settings import Settings
+from blurnoise_eval.plan.files import PlanFile
+from blurnoise_eval.plan.settings import Settings
 from blurnoise_eval.system.terminal import say
 
 if TYPE_CHECKING:

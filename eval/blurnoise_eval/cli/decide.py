@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from blurnoise_eval.cli._options import Folder, Json, settings
 from blurnoise_eval.cli.sweep import computed
-from blurnoise_eval.grid.plan_file import PlanFile
+from blurnoise_eval.plan.files import PlanFile
 
 
 @settings(

@@ -9,14 +9,17 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json, ModelTimeout, Trust, new_file
 from blurnoise_eval.cli.console import print_facts
-from blurnoise_eval.grid.plan_file import MODEL_TIMEOUT_S
+from blurnoise_eval.plan.files import MODEL_TIMEOUT_S
 from blurnoise_eval.system.terminal import say
 
 if TYPE_CHECKING:
     from blurnoise_eval.explorer.catalogue import Catalogue
     from blurnoise_eval.explorer.state import State
 
-_EXTRA = 'explore: the page needs NiceGUI: pip install "blurnoise[explore]"; -o OUT.png works without it'
+_EXTRA = (
+    'explore: the page needs Starlette and Uvicorn: pip install "blurnoise[explore]"; '
+    "-o OUT.png works without it"
+)
 
 
 def explore(
@@ -83,13 +86,12 @@ def explore(
 
     from blurnoise_eval.explorer.catalogue import Catalogue
 
-    if output is None and find_spec("nicegui") is None:
+    if output is None and None in map(find_spec, ("starlette", "uvicorn")):
         raise ValueError(_EXTRA)
     catalogue = Catalogue(
         where, images=images, trust=trust, model=model, camera=camera, timeout_s=model_timeout_s
     )
-    query = at if cell is None else "&".join(filter(None, (at, f"cell={cell}")))
-    state = catalogue.start(query)
+    state = catalogue.start(at, cell=cell)
     if output is not None:
         _write(catalogue, state, output, as_json)
         return
@@ -105,13 +107,14 @@ def explore(
 
 def _write(catalogue: Catalogue, state: State, output: Path, as_json: bool) -> None:
     from blurnoise_eval.datasets import write_picture
-    from blurnoise_eval.explorer.rendered import mean_confidence
+    from blurnoise_eval.explorer.verdict import mean_confidence
 
-    found = catalogue.render(state)
-    write_picture(output, found.frame.image)
-    facts: dict[str, Any] = {"output": str(output), "camera": found.exposure.camera.name}
-    facts |= {name: value for name, (_, value, _) in found.numbers.items()}
-    if found.sight is not None:
-        facts["confidence"] = mean_confidence(found.sight) if found.sight.targets else None
-        facts["confidences"] = [float(row["confidence"]) for row in found.sight.targets]
+    rendered = catalogue.render(state)
+    write_picture(output, rendered.frame.image)
+    facts: dict[str, Any] = {"output": str(output), "camera": rendered.exposure.camera.name}
+    facts |= {name: value for name, (_, value, _) in rendered.numbers.items()}
+    if rendered.found is not None:
+        counted = rendered.found.counted
+        facts["confidence"] = mean_confidence(counted) if counted.targets else None
+        facts["confidences"] = [float(row["confidence"]) for row in counted.targets]
     print_facts(facts, as_json)

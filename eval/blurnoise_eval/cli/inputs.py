@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from blurnoise.optics.colour import Cfa
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
-    from blurnoise_eval.grid.plan_file import PlanFile, Taking
+    from blurnoise_eval.plan.files import PlanFile, Taking
     from blurnoise_eval.scoring.on_picture import Model
 
 

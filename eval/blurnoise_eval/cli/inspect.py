@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Contract, Json, Location, ModelTimeout, new_file, place
 from blurnoise_eval.cli.console import print_facts
-from blurnoise_eval.grid.plan_file import MODEL_TIMEOUT_S
+from blurnoise_eval.plan.files import MODEL_TIMEOUT_S
 from blurnoise_eval.system.terminal import say, say_json, shortened, table_lines, width
 
 if TYPE_CHECKING:

@@ -19,9 +19,9 @@ from blurnoise_eval.cli._options import (
     region,
     settings,
 )
-from blurnoise_eval.grid.axes import AXES
-from blurnoise_eval.grid.plan_file import LISTS, PlanFile, with_axes
-from blurnoise_eval.grid.settings import setting
+from blurnoise_eval.plan.axes import AXES
+from blurnoise_eval.plan.files import LISTS, PlanFile, with_axes
+from blurnoise_eval.plan.settings import setting
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show, width
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from blurnoise_eval.cli._options import Folder, RunRead, settings
-from blurnoise_eval.grid.plan_file import ProgramFile
+from blurnoise_eval.plan.files import ProgramFile
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, width
 
@@ -37,15 +37,14 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     from blurnoise_eval.program.optimise import optimise
     from blurnoise_eval.program.problem import Problem, inputs_of
     from blurnoise_eval.run.run import Run
-    from blurnoise_eval.run.score_tables import cluster_of_run, criterion_of
+    from blurnoise_eval.run.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
     check_outputs(output, "program.csv", "program.json", "program.png", "libcamera.json")
     in_range("fps", config.fps, 0.0, 1e6, above=True)
     in_range("readout_ms", config.readout_ms, 0.0, 1e3 / config.fps)
     with read_run(run) as read, Run.open(read.path) as opened, ProgressBar("program", 2) as advance:
-        criterion = criterion_of(opened, config.threshold, config.keep, config.score)
-        inputs = inputs_of(opened.store, criterion, cluster_of_run(opened, config.cluster), config.model)
+        inputs = inputs_of(opened.store, criterion_of(opened, config.question), config.model)
         camera, own = inputs.metering.camera, inputs.scenario
         shortest_s = camera.row_time_s or of.PREGIUS_LEAST_S
         within_s = 1 / config.fps - config.readout_ms / 1e3

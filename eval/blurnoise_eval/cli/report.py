@@ -82,6 +82,7 @@ def report(
     Settings that no option changes are those of the sweep.
     """
     from blurnoise_eval.deciding.decision import Decision
+    from blurnoise_eval.plan.question import Question
     from blurnoise_eval.system.files import path_within
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
@@ -93,10 +94,7 @@ def report(
     with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
         done = Decision(
             folder,
-            threshold,
-            keep=keep,
-            score=score,
-            cluster=cluster,
+            Question(threshold=threshold, keep=keep, score=score, cluster=cluster),
             output=written,
             progress=True,
             images=images,

@@ -10,7 +10,7 @@ from typer import Argument, Option
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import Json, PictureWritten, settings
 from blurnoise_eval.cli.console import print_facts, print_stages
-from blurnoise_eval.grid.plan_file import SceneFile
+from blurnoise_eval.plan.files import SceneFile
 from blurnoise_eval.system.terminal import say_wrapped
 
 

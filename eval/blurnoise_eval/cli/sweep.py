@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import Folder, Json, Location, settings
 from blurnoise_eval.cli.report import print_run
-from blurnoise_eval.grid.plan_file import Enough, PlanFile
+from blurnoise_eval.plan.files import PlanFile
 
 if TYPE_CHECKING:
     from blurnoise_eval.evaluation import Evaluation
@@ -50,21 +51,13 @@ def computed(
     from blurnoise_eval.system.working_folder import written_run
 
     workers = config.threads if config.address else inputs.threads(config.threads)
+    engine = engine_of(config.engine, workers, config.address)
     models, pictures = inputs.subject(config)  # before a folder is made
     plan = config.sweep_plan()
     camera, about_camera = inputs.camera_of_run(config, pictures)
     with written_run(output) as folder:
+        of = replace(folder, command=inputs.command())
         done = compute(
-            models,
-            pictures,
-            camera,
-            plan,
-            folder,
-            **{name: getattr(config, name) for name in Enough.names()},
-            engine=engine_of(config.engine, workers, config.address) if config.address else config.engine,
-            threads=workers,
-            progress=True,
-            command=inputs.command(),
-            **further,
+            models, pictures, camera, plan, config.question, of, engine=engine, progress=True, **further
         )
         print_run(done, as_json=as_json, about_camera=about_camera)

@@ -24,7 +24,7 @@ from blurnoise.scene.cutting import Cut, Matte
 from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target
-from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.plan.objects import Objects
 
 _Motion = tuple[float, tuple[float, float]]
 _NEAR_PX = 32  # between windows that are cheaper apart than as one

@@ -24,7 +24,8 @@ from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.datasets import PictureSet, check_cut
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import Evaluation, evaluate
-from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.run import RunData, Tables
 from blurnoise_eval.report.words import counted
 from blurnoise_eval.run import computing as sweep
@@ -35,7 +36,13 @@ from blurnoise_eval.run.identity import begun_or_gone, note_models, open_run
 from blurnoise_eval.run.run import ENOUGH, Batch, Place, ask, asked
 from blurnoise_eval.run.score_tables import run_averages, score_tables, withheld_models
 from blurnoise_eval.run.search import CHECKED, MOST_NODES, Search
-from blurnoise_eval.run.search_space import Question, conditions_at, direction_of_all, lattice, what_breaks
+from blurnoise_eval.run.search_space import (
+    SearchSpace,
+    conditions_at,
+    direction_of_all,
+    lattice,
+    what_breaks,
+)
 from blurnoise_eval.run.surface import Trend, predicted_table
 from blurnoise_eval.run.work import count_cells
 from blurnoise_eval.scoring.on_picture import Model
@@ -56,16 +63,11 @@ def decided(
     pictures: PictureSet,
     camera: Camera,
     plan: SweepPlan,
+    question: Question,
     output: str | Path | WorkingFolder,
     *,
-    threshold: float | None = None,
-    keep: float | None = None,
-    score: str | None = None,
-    cluster: str | None = None,
     engine: str | Engine = "threads",
-    threads: int | None = 1,
     progress: bool | None = None,
-    command: str = "blurnoise_eval.decided",
 ) -> Decision:
     """Ask models which exposures of a plan's range work, in a folder; a decision begun there goes on.
 
@@ -73,50 +75,43 @@ def decided(
     the plane does not hold, or the grid is cheaper. Raises what that raises.
     """
     folder = working_folder(output)
-    enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     of_pictures = {"rendered": pictures.kind == "rendered", "labelled": pictures.labelled}
-    criterion = criterion_for(
-        threshold, keep, score, reads=not isinstance(models[0], Detector), **of_pictures
-    )
-    check_cluster(cluster, (picture.name for picture in pictures))
-    question = Question({name: plan.values(name) for name in plan.grid})
-    most, grid = MOST_NODES + CHECKED, question.grid_conditions
-    because = what_breaks(camera, question, plan.trajectory, pulsed=plan.pulsed)
+    criterion = criterion_for(question, reads=not isinstance(models[0], Detector), **of_pictures)
+    check_cluster(question.cluster, (picture.name for picture in pictures))
+    space = SearchSpace({name: plan.values(name) for name in plan.grid})
+    most, grid = MOST_NODES + CHECKED, space.grid_conditions
+    because = what_breaks(camera, space, plan.trajectory, pulsed=plan.pulsed)
     if not because:
-        most = min(most, len(lattice(question.lines, question.exposures_s)))
+        most = min(most, len(lattice(space.lines, space.exposures_s)))
         because = [f"the grid has {grid} conditions, and a search would need up to {most}"] * (grid < most)
     if progress:
         why = "; ".join(because) or f"a search over at most {most} conditions; the grid has {grid}"
         say(f"decide: {why}", error=True)
     if because:
-        evaluate(
-            list(models), pictures, camera, plan, folder,
-            **enough, cluster=cluster, engine=engine, threads=threads, progress=progress, command=command,
-        )  # fmt: skip
+        evaluate(list(models), pictures, camera, plan, question, folder, engine=engine, progress=progress)
         with Store(folder.path, create=True) as store:
-            store.set_about(_QUESTION, asdict(replace(question, because=because)))
-        return Decision(folder, **enough, cluster=cluster, progress=progress, trust=True)
-    further = {name: (value,) for name, value in question.further.items()}
-    nodes = replace(plan, grid=further, only=(), direction=direction_of_all(question.lines), ego=None)
+            store.set_about(_QUESTION, asdict(replace(space, because=because)))
+        return Decision(folder, question, progress=progress, trust=True)
+    further = {name: (value,) for name, value in space.further.items()}
+    nodes = replace(plan, grid=further, only=(), direction=direction_of_all(space.lines), ego=None)
     if nodes.cuts:
         check_cut(pictures, nodes.objects)
-    conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
-    computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
+    conditions_at((0.0, 0.0), space.lines, space.exposures_s, space.further).exposure(camera)
+    computed_by = engine_of(engine) if isinstance(engine, str) else engine
     with (
         begun_or_gone(folder.path, models, pictures),
         Store(folder.path, create=True) as store,
         staying(computed_by) as engine_kept,
     ):
         models, comparisons = contracts_chosen(models, pictures, say=progress)
-        facts = {"command": command, **engine_facts(engine, threads)}
+        facts = {"command": folder.command, **engine_facts(computed_by)}
         open_run(store, models, camera, pictures, nodes, facts)
-        store.set_about(_QUESTION, asdict(question))
-        store.set_about(ENOUGH, {**enough, "cluster": cluster})
-        of_question = question, criterion, cluster
-        run = _Run(store, models, camera, pictures, nodes, *of_question, engine_kept, progress)
+        store.set_about(_QUESTION, asdict(space))
+        store.set_about(ENOUGH, vars(question))
+        run = _Run(store, models, camera, pictures, nodes, space, criterion, engine_kept, progress)
         run.compute()
         note_models(store, models, pictures, comparisons, computed=run.outcome.computed)
-    return Decision(folder, **enough, cluster=cluster, outcome=run.outcome, progress=progress, trust=True)
+    return Decision(folder, question, outcome=run.outcome, progress=progress, trust=True)
 
 
 @dataclass(frozen=True)
@@ -128,9 +123,8 @@ class _Run:
     camera: Camera
     pictures: PictureSet
     plan: SweepPlan
-    question: Question
+    space: SearchSpace
     criterion: Criterion
-    cluster: str | None
     engine: Engine
     progress: bool | None
     outcome: Outcome = field(default_factory=Outcome)
@@ -173,7 +167,7 @@ class _Run:
             batches = [batch for batch in asked(self.store) if batch.places]
             if used == len(batches):
                 places = [(u, w) for u, w in search.ask().tolist()]
-                of = self.question.lines, self.question.exposures_s, self.question.further
+                of = self.space.lines, self.space.exposures_s, self.space.further
                 self._ask(places, [conditions_at(at, *of) for at in places])
                 continue
             planes = [plane for table in self._tables() for plane in table.on_plane()]
@@ -189,16 +183,16 @@ class _Run:
     @cached_property
     def _withheld(self) -> Collection[str]:
         """Models without answers, by the original pictures, which are computed in the first batch."""
-        return withheld_models(self.store, self.cluster)
+        return withheld_models(self.store, self.criterion.cluster)
 
     def _tables(self) -> Tables:
         """Those of what was measured that have answers."""
-        for table in score_tables(self.store, self.criterion, self.cluster):
+        for table in score_tables(self.store, self.criterion):
             if not table.knows_too_little and table.model not in self._withheld:
                 yield table
 
     def _search(self) -> Search:
-        lines, exposures_s, trend = self.question.lines, self.question.exposures_s, Trend.of(self.camera)
+        lines, exposures_s, trend = self.space.lines, self.space.exposures_s, Trend.of(self.camera)
         return Search(lines, exposures_s, self.criterion.level, most_nodes=MOST_NODES, trend=trend)
 
     def _common(self) -> tuple[Conditions, ...]:
@@ -211,9 +205,9 @@ class _Run:
         wanted = [each for each in (model.unmeasured(measured) for model in models) if each is not None]
         if not wanted or len(measured) >= MOST_COMMON * len(models):
             return ()
-        exposure_s = float(np.clip(wanted[0], *self.question.exposures_s))
-        at = {"exposure_s": exposure_s, **self.question.further}
-        return tuple(Conditions(**at, **line.axes) for line in self.question.lines)
+        exposure_s = float(np.clip(wanted[0], *self.space.exposures_s))
+        at = {"exposure_s": exposure_s, **self.space.further}
+        return tuple(Conditions(**at, **line.axes) for line in self.space.lines)
 
 
 def _at(plane: ScoreTable, places: Sequence[Place]) -> tuple[Array, Array]:
@@ -224,11 +218,11 @@ def _at(plane: ScoreTable, places: Sequence[Place]) -> tuple[Array, Array]:
     return mean, error
 
 
-def question_of(store: Store) -> Question | None:
+def question_of(store: Store) -> SearchSpace | None:
     """What was asked of the run last; None of a sweep. Raises ``StoreError`` for one of other software."""
     held = store.about(_QUESTION)
     try:
-        question = None if held is None else Question(**held)
+        question = None if held is None else SearchSpace(**held)
         if question and dict(SweepPlan(question.grid).grid) != {
             n: (*each,) for n, each in question.grid.items()
         }:

@@ -1,4 +1,4 @@
-"""The explorer: a picture as a camera would take it, and what a detector finds in it, while sliders move.
+"""The explorer: a page of sliders beside the picture that a camera takes, and what a detector finds in it.
 
-Only ``page``, ``charts`` and ``server`` need the extra ``[explore]``.
+Only ``server`` needs the extra ``[explore]``.
 """

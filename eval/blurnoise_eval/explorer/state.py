@@ -1,15 +1,15 @@
-"""The state of the explorer, the query of a URL or a command that names it, and the controls that move it.
+"""The state of the explorer, its text in a URL or a command, and the controls that change it.
 
-Controls follow from the tables of axes and figures: a new entry of these is a new slider.
+Controls follow from the tables of axes and of camera figures: a new entry there is a new slider.
 
-Domain: conditions in SI units, as on the axes; texts hold the numbers of the command line's options. A state is made
-of such numbers alone, so that a URL, a command and a script give the same bits.
+Domain: a state has conditions in SI units, as the axes do; its text has the numbers of the command's options. A text
+gives the same bits on the page and on the command line.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
@@ -18,28 +18,31 @@ from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.optics import figures as camera_figures
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.grid import axes
-from blurnoise_eval.grid.axes import AUTOMATIC, EGO, GAIN, MOVES, VELOCITY, Axis, number
-from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, GAIN, MOVES, VELOCITY, Axis, number
+from blurnoise_eval.plan.conditions import Conditions
 
 BUILT_IN, NO_MODEL, GIVEN, OF_RUN = "built-in", "none", "given", "run"
-"""Names: of the built-in detector, no detector, what the command names by its file, and the camera of the run that is
-explored, whose pictures and models are run/NAME."""
-_NAMES = ("picture", "camera", "model", "cell")
+"""Names of the built-in detector, of no detector, of a file that the command names, and of the camera of a run;
+pictures and models of a run are run/NAME."""
+OWN = "own"
+"""The text of a quantity that is left to the camera, or of a seed that is left to the picture."""
+_NAMES, _NUMBERS = ("picture", "camera", "model"), ("seed", "repeat")
+_STEPS = 200  # of a slider
 
 
 def start() -> Conditions:
-    """Dusk, some motion, gain as the camera sets it."""
+    """Conditions at dusk with some motion, and the gain set by the camera."""
     return Conditions(exposure_s=0.02, illuminance_lux=2.0, velocity_x_px_s=1000.0, gain_db=AUTOMATIC)
 
 
 @dataclass(frozen=True)
 class State:
-    """What is shown.
+    """What the page shows: an exposure of a picture, and the detector that looks at it.
 
-    picture, camera, model: by the names that the explorer has for them; sign-1, sign-2, ... are rendered stop signs.
-    at: the conditions. figures: of the camera, in place of its own, by the field's name. seed: of the noise. cell:
-    the run's cell that this is. Raises ``ValueError`` that names the part.
+    picture, camera, model: their names in the catalogue; sign-1, sign-2, ... are rendered stop signs. at: the
+    conditions. figures: values that replace figures of the camera. seed: of the noise; None: the picture's own, which
+    is that of the run's cells, or 0. repeat: of the run, which sets the phase of a pulsed lamp. Raises ``ValueError``
+    naming the value.
     """
 
     picture: str = "sign-1"
@@ -47,100 +50,106 @@ class State:
     model: str = BUILT_IN
     at: Conditions = field(default_factory=start)
     figures: tuple[tuple[str, float], ...] = ()
-    seed: int = 0
-    cell: str = ""
+    seed: int | None = None
+    repeat: int = 0
 
     def __post_init__(self) -> None:
-        integer("seed", self.seed, 0, LAST_SEED)
-        for each in axes.AXES:
-            if (value := self.at[each.name]) is not None:
-                each.checked((value,))
+        for name in _NUMBERS:
+            integer(name, getattr(self, name) or 0, 0, LAST_SEED)
+        for axis in AXES:
+            if (value := self.at[axis.name]) is not None:
+                axis.checked((value,))
 
     def put(self, name: str, value: float | None) -> State:
-        """With another value on an axis, None: its camera's, or another figure of the camera; what excludes it is
-        reset."""
-        if value is not None and name not in self.at:
+        """The state with another value of an axis or figure; None leaves it to the camera.
+
+        Ego-motion and a motion of the picture exclude each other: the new one resets the other.
+
+        >>> State().put("ego_speed_m_s", 10.0).at["velocity_x_px_s"]
+        0.0
+        """
+        if name not in self.at:
             figures = {**dict(self.figures), name: value}
-            return replace(self, figures=tuple(sorted(figures.items())), cell="")
+            chosen = [(key, figure) for key, figure in sorted(figures.items()) if figure is not None]
+            return replace(self, figures=tuple(chosen))
         values = {**self.at, name: value}
         if name == EGO.name and value:
             values |= {**dict.fromkeys(VELOCITY, 0.0), MOVES.name: None}
         elif name in (*VELOCITY, MOVES.name) and value:
             values[EGO.name] = None
-        return replace(self, at=Conditions(**values), cell="")
+        return replace(self, at=Conditions(**values))
 
     def query(self, base: State) -> str:
-        """Behind the question mark of a URL: every condition that is specified, and what else differs from
-        ``base``; of a run's cell its id."""
+        """The text behind the question mark of a URL: all conditions, and whatever else differs from ``base``.
+
+        >>> State(seed=3).query(State())
+        'exposure-ms=20&lux=2&dx=1000&dy=0&gain=auto&seed=3'
+        """
         parts = [
-            (key(each), "own" if value is None else option_text(each, value))
-            for each in axes.AXES
-            if (value := self.at[each.name]) is not None or base.at[each.name] is not None
+            (key(axis), OWN if value is None else text_of(axis, value))
+            for axis in AXES
+            if (value := self.at[axis.name]) is not None or base.at[axis.name] is not None
         ]
         parts += [(name, repr(value)) for name, value in self.figures]
-        parts += [("seed", str(self.seed))] if self.seed != base.seed else []
-        names = [name for name in _NAMES if getattr(self, name) != getattr(base, name)]
-        if self.cell:
-            parts, names = [], [name for name in names if name not in ("picture", "camera")]
-        return urlencode([*parts, *((name, getattr(self, name)) for name in names)])
+        differing = [name for name in (*_NUMBERS, *_NAMES) if getattr(self, name) != getattr(base, name)]
+        values = ((name, getattr(self, name)) for name in differing)
+        return urlencode([*parts, *((name, OWN if value is None else str(value)) for name, value in values)])
 
     @classmethod
     def of_query(cls, text: str, base: State) -> State:
-        """The state of a :meth:`query`. Raises ``ValueError`` that names the part that is not allowed."""
-        state, parts = base, parse_qsl(text, keep_blank_values=True)
-        conditions, figures = ({key(each): each for each in table} for table in (axes.AXES, FIGURES))
-        for name, part in parts:
+        """The state of a :meth:`query`, whose parts change ``base`` one after the other.
+
+        Raises ``ValueError`` that names the part that is not allowed.
+        """
+        state = base
+        for name, part in parse_qsl(text, keep_blank_values=True):
             try:
-                if axis := conditions.get(name):
-                    own = part == "own" and axes.CORE.get(axis.name, 0.0) is not None
-                    value = None if own else of_text(axis, part)
-                    state = replace(state, at=Conditions(**{**state.at, axis.name: value}))
-                elif name in figures:
-                    state = replace(state.put(name, of_text(figures[name], part)), cell=state.cell)
+                if axis := QUANTITIES.get(name):
+                    state = state.put(axis.name, None if part == OWN else value_of(axis, part))
                 elif name == "seed":
-                    state = replace(state, seed=int(part))
+                    state = replace(state, seed=None if part == OWN else int(part))
+                elif name == "repeat":
+                    state = replace(state, repeat=int(part))
                 elif name in _NAMES:
                     state = replace(state, **{name: part})  # type: ignore[arg-type]  # names are texts
                 else:
-                    known = (*_NAMES, "seed", *conditions, *figures)
-                    raise ValueError(f"must be one of {', '.join(known)}")
+                    raise ValueError(f"must be one of {', '.join((*_NAMES, *_NUMBERS, *QUANTITIES))}")
             except ValueError as error:
                 raise ValueError(f"{name} = {part[:60]!r}: {error}") from None
-        if state.cell and (others := dict(parts).keys() - {"cell", "model"}):
-            raise ValueError(
-                f"cell: has its own picture, camera and conditions; remove {', '.join(sorted(others))}"
-            )
-        if state.at[EGO.name] and not {"dx", "dy"} & dict(parts).keys():
-            state = state.put(EGO.name, state.at[EGO.name])
         return state
 
 
 def with_figures(camera: Camera, figures: Iterable[tuple[str, float]]) -> Camera:
-    """``camera`` with these figures in place of its own; a line time makes a global shutter roll."""
-    own: dict[str, Any] = dict(figures)
-    if "row_time_s" in own and (camera.shutter == "global") == bool(own["row_time_s"]):
-        own["shutter"] = "rolling" if own["row_time_s"] else "global"
-    return replace(camera, **own)
+    """``camera`` with these figures; a line time makes a global shutter roll."""
+    values: dict[str, Any] = dict(figures)
+    if "row_time_s" in values and (camera.shutter == "global") == bool(values["row_time_s"]):
+        values["shutter"] = "rolling" if values["row_time_s"] else "global"
+    return replace(camera, **values)
 
 
 def key(axis: Axis) -> str:
-    """An axis's name in a query: its option's."""
+    """The name of an axis in a query: that of its option."""
     return axis.option.lstrip("-")
 
 
-def option_text(axis: Axis, value: float) -> str:
-    """A value as its option is typed: the shortest text that gives its bits, or the nearest where none does."""
+def text_of(axis: Axis, value: float) -> str:
+    """A value as its option is typed: the shortest text that gives its bits, or the nearest where none does.
+
+    >>> text_of(AXES[0], 0.0123), text_of(GAIN, AUTOMATIC)
+    ('12.3', 'auto')
+    """
     if value == AUTOMATIC:
         return "auto"
     if axis.choices:
         return axis.choices[int(value)]
     shown = axis.shown(value)
-    beside = (shown, *(math.nextafter(shown, end) for end in (-math.inf, math.inf)))
-    texts = [f"{shown:.{digits}g}" for digits in (6, 12, 15)] + [repr(each) for each in beside]
+    # The unit's division rounds, so the number that gives these bits may be a neighbour of the quotient.
+    neighbours = (shown, *(math.nextafter(shown, end) for end in (-math.inf, math.inf)))
+    texts = [f"{shown:.{digits}g}" for digits in (6, 12, 15)] + [repr(number) for number in neighbours]
     return next((text for text in texts if axis.of_option(float(text)) == value), repr(shown))
 
 
-def of_text(axis: Axis, text: str) -> float:
+def value_of(axis: Axis, text: str) -> float:
     """The value that an option's text gives. Raises ``ValueError``."""
     if axis.choices:
         return axis.place_of(text)
@@ -148,7 +157,7 @@ def of_text(axis: Axis, text: str) -> float:
 
 
 def _axis_of(figure: camera_figures.CameraFigure) -> Axis:
-    """A figure of the camera, as if it were an axis."""
+    """A figure of the camera as an axis."""
     name, title, unit, span = figure
     low, high, _ = LIMITS[name]
     return Axis(
@@ -157,67 +166,58 @@ def _axis_of(figure: camera_figures.CameraFigure) -> Axis:
     )  # fmt: skip
 
 
-FIGURES: tuple[Axis, ...] = tuple(map(_axis_of, camera_figures.FIGURES))
-STEPS = 200
+_SWEPT = {axis.into for axis in AXES}
+FIGURES: tuple[Axis, ...] = tuple(
+    axis for axis in map(_axis_of, camera_figures.FIGURES) if axis.into not in _SWEPT
+)
+"""Figures of the camera that are no axes of sweeps."""
+QUANTITIES: Mapping[str, Axis] = {key(axis): axis for axis in (*AXES, *FIGURES)}
+"""Whatever has a control, by its name in a query."""
 
 
 @dataclass(frozen=True)
 class Control:
-    """A slider from low to high, in the unit of its axis, which is one of a sweep or a figure of the camera.
-    logarithmic: how positions run from 0 to ``steps``."""
+    """A slider with a field. values: at the slider's positions, rising, in the axis's own unit."""
 
     axis: Axis
-    low: float
-    high: float
-    logarithmic: bool
-    steps: int
+    values: tuple[float, ...]
 
     def read(self, state: State, camera: Camera) -> float:
-        """The value with a camera, which is that of the state, own figures included."""
+        """The value in a state, of which this is the camera, figures included."""
         value = state.at.get(self.axis.name)
-        value = self.axis.own(camera) if value is None else value
-        return value if value == AUTOMATIC else self.axis.shown(value)
+        return self.axis.own(camera) if value is None else value
 
-    def put(self, state: State, text: str) -> State:
-        """The state with the value that is typed. Raises ``ValueError``."""
-        try:
-            return state.put(self.axis.name, of_text(self.axis, text))
-        except ValueError as error:
-            raise ValueError(f"{self.axis.title} = {text!r}: {error}") from None
+    @property
+    def texts(self) -> list[str]:
+        """The text at each position."""
+        return [text_of(self.axis, value) for value in self.values]
 
-    def text(self, value: float) -> str:
-        """The value as people type it."""
-        if self.axis.choices:
-            return self.axis.choices[int(value)]
-        return "auto" if value == AUTOMATIC else f"{value:.6g}"
-
-    def value(self, position: float) -> float:
-        """At a position, rounded to three digits, as nobody sets more by hand."""
-        share = min(1.0, max(0.0, position / self.steps))
-        if self.logarithmic:
-            return float(f"{self.low * (self.high / self.low) ** share:.3g}")
-        digits = max(0, 1 - math.floor(math.log10((self.high - self.low) / self.steps)))
-        return round(self.low + share * (self.high - self.low), digits)
-
-    def position(self, value: float) -> float:
-        """Of a value, at the nearest end if it lies beyond."""
-        value = min(self.high, max(self.low, value))
-        if self.logarithmic:
-            return self.steps * math.log(value / self.low) / math.log(self.high / self.low)
-        return self.steps * (value - self.low) / (self.high - self.low)
+    def position(self, value: float) -> int:
+        """The position nearest to a value; 0 of one that the camera sets."""
+        if not math.isfinite(value) and value not in self.values:
+            return 0
+        away = [0.0 if value == each else abs(each - value) for each in self.values]
+        return away.index(min(away))
 
 
-def controls(camera: Camera) -> dict[str, Control]:
-    """Every control of this camera, by name: one for each axis and figure."""
-    known = {each.into for each in axes.AXES}
-    others = [each for each in FIGURES if each.into not in known]
-    return {each.name: _control(each, camera) for each in (*axes.AXES, *others)}
+def controls(camera: Camera, tested: Mapping[str, Sequence[float]] | None = None) -> dict[str, Control]:
+    """The controls of a camera, by name of axis or figure.
+
+    tested: values of a run by axis; where there are two or more, the slider has these and no others.
+    """
+    of_run = tested or {}
+    several = {name: tuple(values) for name, values in of_run.items() if len(values) > 1}
+    return {
+        axis.name: Control(axis, several.get(axis.name) or _values(axis, camera))
+        for axis in QUANTITIES.values()
+    }
 
 
-def _control(axis: Axis, camera: Camera) -> Control:
-    least, most, own = map(axis.shown, (axis.low, axis.high, axis.own(camera)))
+def _values(axis: Axis, camera: Camera) -> tuple[float, ...]:
+    """The values of a slider: over the axis's span, or around the camera's own value, within the limits."""
     if axis.choices:
-        return Control(axis, least, most, False, len(axis.choices) - 1)
+        return tuple(map(float, range(len(axis.choices))))
+    least, most, own = map(axis.shown, (axis.low, axis.high, axis.own(camera)))
     low, high = 0.0, own * 4 if own > 0 else 1.0
     if axis.span is not None:
         low, high = axis.span
@@ -226,4 +226,10 @@ def _control(axis: Axis, camera: Camera) -> Control:
     elif axis.logarithmic and own > 0:
         low, high = own / 10, own * 10
     low, high = max(low, least), min(max(high, 2 * own) if math.isfinite(own) else high, most)
-    return Control(axis, low, high, axis.logarithmic and low > 0, STEPS)
+    shares = [step / _STEPS for step in range(_STEPS + 1)]
+    if axis.logarithmic and low > 0:  # three digits, as nobody sets more by hand
+        numbers = [float(f"{low * (high / low) ** share:.3g}") for share in shares]
+    else:
+        digits = max(0, 1 - math.floor(math.log10((high - low) / _STEPS)))
+        numbers = [round(low + share * (high - low), digits) for share in shares]
+    return tuple(axis.of_option(value) for value in numbers)

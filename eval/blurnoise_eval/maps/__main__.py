@@ -6,6 +6,7 @@ import sys
 
 from blurnoise_eval.cli import inputs, run_alone
 from blurnoise_eval.cli._options import Cluster, Folder, Keep, RunRead, Score, Threads, Threshold
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_wrapped, show
 
@@ -38,15 +39,16 @@ def maps(
     from blurnoise_eval.maps.maps import maps_of, sentences, tables, write
     from blurnoise_eval.maps.nodes import nodes_of
     from blurnoise_eval.run.run import Run
-    from blurnoise_eval.run.score_tables import cluster_of_run, criterion_of
+    from blurnoise_eval.run.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
     check_outputs(output, "maps.csv", "nodes.csv", "figures/map-*.png", "figures/scatter-*.png")
     with read_run(run) as read, Run.open(read.path) as opened:
-        question = criterion_of(opened, threshold, keep, score), cluster_of_run(opened, cluster)
+        question = Question(threshold=threshold, keep=keep, score=score, cluster=cluster)
+        criterion = criterion_of(opened, question)
         nodes = nodes_of(opened)
         with ProgressBar("maps", len(nodes)) as advance:
-            found = maps_of(opened.store, nodes, *question, threads=workers, progress=advance)
+            found = maps_of(opened.store, nodes, criterion, threads=workers, progress=advance)
     with output_folder(output) as folder:
         folder.path.mkdir(parents=True, exist_ok=True)
         write(found, folder.path)

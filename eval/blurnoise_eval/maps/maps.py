@@ -109,17 +109,15 @@ def maps_of(
     store: Store,
     nodes: Nodes,
     criterion: Criterion,
-    cluster: str | None = None,
     *,
     threads: int = 1,
     progress: Callable[[float], None] = lambda done: None,
 ) -> Maps:
     """The maps of a run at its nodes, as :func:`~blurnoise_eval.maps.nodes.nodes_of` gives them.
 
-    cluster: a pattern on pictures' names, as of :func:`~blurnoise_eval.answers.clusters.cluster_of`.
     progress: called with 1 for every node.
     """
-    tables = list(score_tables(store, criterion, cluster))  # first: it may be refused
+    tables = list(score_tables(store, criterion))  # first: it may be refused
     rows = measure(nodes.camera, nodes.conditions, threads=threads, progress=progress)
     values = np.array([row.estimate.value for row in rows], float).reshape(len(nodes), len(METRICS))
     metrics = {metric.name: of for metric, of in zip(METRICS, values.T, strict=True)}

@@ -19,8 +19,8 @@ from blurnoise.optics.radiometry import dark_electrons
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.answers.table import ORDER, ScoreTable
 from blurnoise_eval.cameras import behind_one_filter
-from blurnoise_eval.grid.axes import CORE, LIGHT, SETTING
-from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.plan.axes import CORE, LIGHT, SETTING
+from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import StoreError

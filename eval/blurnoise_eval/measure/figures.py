@@ -19,10 +19,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from blurnoise.optics.colour import srgb_from_linear
-from blurnoise_eval.grid.axes import SETTING, axis, setting_of, velocity_of, velocity_text
 from blurnoise_eval.measure.charts import CLIPPED, METRICS, MetricRow
 from blurnoise_eval.measure.edges import MeasuredEdge
 from blurnoise_eval.measure.linear import LinearPicture
+from blurnoise_eval.plan.axes import SETTING, axis, setting_of, velocity_of, velocity_text
 from blurnoise_eval.plots import style
 from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.answers.recommendation import best_exposure
-from blurnoise_eval.grid.axes import milliseconds
+from blurnoise_eval.plan.axes import milliseconds
 from blurnoise_eval.program.problem import Problem, Schedule
 from blurnoise_eval.program.scenario import STEPS_PER_STOP
 from blurnoise_eval.run.search_space import exposures_on

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.deciding.decision import on_lines, question_of
-from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, LIGHT, axis
-from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.plan.axes import AUTOMATIC, FURTHER, LIGHT, axis
+from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.score_tables import run_averages, score_tables, withheld_models
-from blurnoise_eval.run.search_space import Question, what_breaks
+from blurnoise_eval.run.search_space import SearchSpace, what_breaks
 from blurnoise_eval.run.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.scoring.uncertainty import influence, ratio_of_sums
 from blurnoise_eval.store import queries
@@ -49,23 +49,21 @@ class Inputs:
     notes: tuple[str, ...] = ()
 
 
-def inputs_of(
-    store: Store, criterion: Criterion, cluster: str | None = None, model: str | None = None
-) -> Inputs:
+def inputs_of(store: Store, criterion: Criterion, model: str | None = None) -> Inputs:
     """The inputs of one model; the run's only one unless named.
 
     Raises ``ValueError`` for a run that has no program: several settings or directions of motion, a fixed gain, a
     camera or a motion for which the plane does not hold.
     """
     run, where = Run(store), f"run = {str(store.folder)!r}"
-    without_answers = withheld_models(store, cluster)
+    without_answers = withheld_models(store, criterion.cluster)
     names = [name for name in run.models if name not in without_answers]
     chosen = names[0] if model is None and len(names) == 1 else model
     if chosen not in names:
         unfit = "".join(f"; {name}: {reason}" for name, reason in without_answers.items())
         given = "model: missing" if model is None else f"model = {chosen!r}"
         raise ValueError(f"{where}: {given}: must be one of {', '.join(names)}{unfit}")
-    of_model = [each for each in score_tables(store, criterion, cluster) if each.model == chosen]
+    of_model = [each for each in score_tables(store, criterion) if each.model == chosen]
     tables = [each for each in of_model if not each.knows_too_little]
     little = [each.group for each in of_model if each.knows_too_little]
     notes = [
@@ -75,8 +73,8 @@ def inputs_of(
     every_plane = [plane for table in tables for plane in table.on_plane()]
     if not every_plane:
         raise StoreError(f"{where}: has no targets under any light")
-    asked = question_of(store) or Question(run.grid)
-    question = Question({**asked.grid, LIGHT.name: [lux for lux in asked.grid[LIGHT.name] if lux]})
+    asked = question_of(store) or SearchSpace(run.grid)
+    question = SearchSpace({**asked.grid, LIGHT.name: [lux for lux in asked.grid[LIGHT.name] if lux]})
     setting = {name: float(every_plane[0].conditions[name][0]) for name in FURTHER}
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from blurnoise_eval.grid.axes import milliseconds
+from blurnoise_eval.plan.axes import milliseconds
 from blurnoise_eval.plots.style import COLOURS, plain_numbers, spread, tidy
 from blurnoise_eval.program.optimise import Program, Stages
 from blurnoise_eval.report.words import counted, keeps, reached_text

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from blurnoise_eval.answers.exposure_window import WORKS
-from blurnoise_eval.grid.axes import BLUR, MOVES, velocity_of
+from blurnoise_eval.plan.axes import BLUR, MOVES, velocity_of
 from blurnoise_eval.plots.style import line_colours, spread
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import axis_label, word

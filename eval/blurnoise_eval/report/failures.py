@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.datasets import eight_bit
-from blurnoise_eval.grid.axes import EXPOSURE, velocity_of, velocity_text
+from blurnoise_eval.plan.axes import EXPOSURE, velocity_of, velocity_text
 from blurnoise_eval.report.page import FAILURES, PICTURE_PX, TEMPLATES, jpeg, write_page
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import Settings, word

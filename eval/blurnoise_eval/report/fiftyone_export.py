@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise_eval.datasets import encode
-from blurnoise_eval.grid.axes import CHOICES, EXPOSURE, VELOCITY, named, setting_of, velocity_of
+from blurnoise_eval.plan.axes import CHOICES, EXPOSURE, VELOCITY, named, setting_of, velocity_of
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.run.pictures import RunPictures

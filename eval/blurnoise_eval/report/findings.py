@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from blurnoise_eval.grid.axes import AXES
-from blurnoise_eval.grid.conditions import reflectance_text
-from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.plan.axes import AXES
+from blurnoise_eval.plan.conditions import reflectance_text
+from blurnoise_eval.plan.objects import Objects
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
 

@@ -20,7 +20,7 @@ from blurnoise_eval.answers.exposure_window import answers, flat, natural
 from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.recommendation import average_curve, recommendations
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.grid.axes import (
+from blurnoise_eval.plan.axes import (
     EGO,
     EGO_SPEED,
     EXPOSURE,
@@ -170,14 +170,12 @@ def read_run(
     store: Store,
     criterion: Criterion,
     *,
-    cluster: str | None = None,
     progress: Callable[[int], None] = lambda scores: None,
     on_lines: Callable[[Store, Tables], Tables] = lambda store, measured: measured,
 ) -> RunData:
     """Everything that the report of this run shows; ``progress`` is called for each condition scored.
 
-    cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.answers.clusters.cluster_of` takes it. on_lines:
-    what is made of the tables that were measured.
+    on_lines: what is made of the tables that were measured.
 
     Groups of which the model knows too little to say what it keeps have no answers; the manifest lists them as
     ``withheld``, models that detect next to nothing as ``withheld_models``. Scores are kept in the store until cells
@@ -187,14 +185,12 @@ def read_run(
     manifest = run.manifest
     order = Stated({model["name"]: place for place, model in enumerate(manifest["models"])})
     by_size = criterion.score if criterion.score in PRECISIONS else None
-    scored = run_scores(store, cluster, progress, by_size=by_size)
+    scored = run_scores(store, criterion.cluster, progress, by_size=by_size)
     scores = [each.row for each in scored]
     unfit = models_withheld(manifest, scores)
     grid_s = exposures_of_grid(run.planned)
     tables = [
-        table
-        for table in on_lines(store, score_tables(store, criterion, cluster, scored))
-        if table.model not in unfit
+        table for table in on_lines(store, score_tables(store, criterion, scored)) if table.model not in unfit
     ]
     known = [table for table in tables if not table.knows_too_little]
     withheld = [
@@ -218,7 +214,7 @@ def read_run(
                 table.take(np.isin(exposures, grid_s)) if grid_s else table, criterion
             )
     reached = run_averages(store, known, criterion.level)
-    _complete(manifest, run, store, cluster)
+    _complete(manifest, run, store, criterion.cluster)
     manifest |= {"criterion": criterion.row(), "threshold": criterion.level}
     manifest |= {"withheld": withheld, "withheld_models": unfit}
     manifest["refined"] = sum(len(batch.conditions) for batch in run.asked) if grid_s else 0

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from blurnoise_eval.grid.axes import (
+from blurnoise_eval.plan.axes import (
     BLUR,
     EGO,
     EXPOSURE,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from blurnoise_eval.answers.exposure_window import NONE_WORKS, WORKS
-from blurnoise_eval.grid.axes import velocity_of
+from blurnoise_eval.plan.axes import velocity_of
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.opening import Cell, TableRow
 from blurnoise_eval.report.run import RunData

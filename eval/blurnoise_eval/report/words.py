@@ -15,7 +15,7 @@ import numpy as np
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import CANNOT_TELL, NONE_WORKS, WORKS
-from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
+from blurnoise_eval.plan.axes import EXPOSURE, milliseconds
 from blurnoise_eval.plots.annotate import OTHER_SCORE
 from blurnoise_eval.scoring.uncertainty import FEW, FEWEST
 

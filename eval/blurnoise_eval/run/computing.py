@@ -11,7 +11,7 @@ from functools import lru_cache
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.plan.conditions import SweepPlan
 from blurnoise_eval.run.engines import Engine, ThreadEngine, WorkerDied
 from blurnoise_eval.run.work import Block, Work, blocks
 from blurnoise_eval.scoring.on_picture import Model

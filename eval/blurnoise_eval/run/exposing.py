@@ -44,10 +44,10 @@ from blurnoise_eval.datasets import (
     target_mask,
 )
 from blurnoise_eval.datasets.cut_outs import CutScene
-from blurnoise_eval.grid.conditions import Cell, SweepPlan
-from blurnoise_eval.grid.lamps import Lamps
-from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.conditions import Cell, SweepPlan
+from blurnoise_eval.plan.lamps import Lamps
+from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 

@@ -51,9 +51,9 @@ def merge(
             "manifest": {**parts[0].manifest, "images": images, "command": origin},
             "wall_s": sum(part.wall_s for part in parts),
         }
-        questions = [part.enough for part in parts]
+        questions = [part.question for part in parts]
         if all(each == questions[0] for each in questions):
-            about[ENOUGH] = questions[0]
+            about[ENOUGH] = vars(questions[0])
         try:
             with written_whole(output) as folder:
                 write_instances(folder, truth)

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.grid.axes import AXES, EGO, EGO_SPEED, GAIN, SETTING, SPEED, named
-from blurnoise_eval.grid.conditions import with_lens
+from blurnoise_eval.plan.axes import AXES, EGO, EGO_SPEED, GAIN, SETTING, SPEED, named
+from blurnoise_eval.plan.conditions import with_lens
 from blurnoise_eval.system.tables import plain
 
 _LENS = {each.name: each.into.partition(".")[2] for each in AXES if each.into.startswith("camera.")}

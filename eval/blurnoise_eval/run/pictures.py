@@ -16,9 +16,9 @@ from typing import Any
 from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet
-from blurnoise_eval.grid.axes import CORE
-from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.label_formats import format_named
+from blurnoise_eval.plan.axes import CORE
+from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.run.exposing import Frame, Scene, frames
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store import queries
@@ -39,7 +39,7 @@ class RunPictures:
         self.folder, self.trusted = run.folder, run.trusted
         self._images = images if isinstance(images, PictureSet) or not images else Path(images)
         self.manifest, self.camera, self.objects = run.manifest, run.camera, run.objects
-        self._plan, self._grid, self._batches = run.plan, run.grid, run.asked
+        self.plan, self._grid, self._batches = run.plan, run.grid, run.asked
         self._held = run.store.pictures()
         self.pictures: tuple[str, ...] = tuple(sorted(self._held))
 
@@ -62,13 +62,13 @@ class RunPictures:
 
     def scene(self, picture: Picture) -> Scene:
         """The picture as the run's cells saw it."""
-        plan = self._plan
+        plan = self.plan
         tone, lamps, white = plan.picture_tone, plan.lamps, plan.hdr_white
         return Scene(picture.load(), plan.grey_anchor, picture, self.objects, tone, lamps, white)
 
     def expose(self, scene: Scene, cell: Cell, camera: Camera | None = None) -> Frame:
         """A cell's picture, of its scene, as the run took it or through another camera."""
-        plan = self._plan
+        plan = self.plan
         (frame,) = frames(scene, [cell], camera or self.camera, plan.auto_exposure, plan.path, plan.ego)
         return frame
 

@@ -20,8 +20,8 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import Row
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import MOST_COMMON
-from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE
-from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.axes import AUTOMATIC, EXPOSURE
+from blurnoise_eval.plan.conditions import Conditions, SweepPlan
 from blurnoise_eval.run.computing import Outcome
 from blurnoise_eval.run.run import Batch, ask, asked
 from blurnoise_eval.run.score_tables import run_averages, score_tables, withheld_models
@@ -40,7 +40,6 @@ def refined(
     store: Store,
     plan: SweepPlan,
     criterion: Criterion,
-    cluster: str | None,
     n_pictures: int,
     compute: Callable[[SweepPlan, ProgressBar], Outcome],
     outcome: Outcome,
@@ -52,7 +51,7 @@ def refined(
         return tuple(at for batch in asked(store) for at in batch.conditions)
 
     def next_ones() -> tuple[Conditions, ...]:
-        left = _left_to_refine(store, plan, criterion, cluster)
+        left = _left_to_refine(store, plan, criterion)
         if more := tuple(at for at in left if at not in noted()):
             ask(store, Batch(n_pictures, (), more))
         return more
@@ -70,18 +69,16 @@ def refined(
             more = next_ones()
 
 
-def _left_to_refine(
-    store: Store, plan: SweepPlan, criterion: Criterion, cluster: str | None
-) -> tuple[Conditions, ...]:
+def _left_to_refine(store: Store, plan: SweepPlan, criterion: Criterion) -> tuple[Conditions, ...]:
     """The conditions that are computed next, by all that the store holds; none where the camera sets the exposure."""
     tested = plan.values(EXPOSURE.name)
     if AUTOMATIC in tested:
         return ()
     monotone = store.about("manifest").get("trajectory") is None
-    unfit = withheld_models(store, cluster)
+    unfit = withheld_models(store, criterion.cluster)
     tables = [
         table
-        for table in score_tables(store, criterion, cluster)
+        for table in score_tables(store, criterion)
         if table.model not in unfit and not table.knows_too_little
     ]
     names = [name for name in plan.grid if name != EXPOSURE.name]

@@ -13,10 +13,11 @@ from typing import Any
 
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.scene import Exposure
-from blurnoise_eval.grid.axes import NAMES, axis
-from blurnoise_eval.grid.conditions import Conditions, SweepPlan
-from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.axes import NAMES, axis
+from blurnoise_eval.plan.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.question import Question
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.documents import check_files, validated
 from blurnoise_eval.run.work import cells_per_picture
 from blurnoise_eval.store import queries
@@ -26,7 +27,7 @@ from blurnoise_eval.store.store import Store, StoreError
 Place = tuple[float, float]
 _KEY = "asked"
 ENOUGH = "enough"
-"""The key of a run's store for the last threshold, keep, score and cluster."""
+"""The key of a run's store for the last question."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class Run:
         """
         with Store(Path(folder)) as store:
             run = cls(store, trusted=trust or store.is_own())
-            _ = run.camera, run.asked, run.plan, run.enough, run.wall_s
+            _ = run.camera, run.asked, run.plan, run.question, run.wall_s
             names = [model["name"] for model in run.manifest["models"]]
             if len(set(names)) < len(names):
                 raise store.damaged("manifest", "models of one name")
@@ -114,9 +115,10 @@ class Run:
             return Camera.from_dict(self.manifest["camera"])
 
     @cached_property
-    def enough(self) -> dict[str, Any]:
-        """The threshold, keep, score and cluster that the sweep was given."""
-        return _document(self.store, ENOUGH) or dict.fromkeys(("threshold", "keep", "score", "cluster"))
+    def question(self) -> Question:
+        """The question that the sweep was asked."""
+        with _named(self.store, ENOUGH):
+            return Question(**(_document(self.store, ENOUGH) or {}))
 
     @cached_property
     def wall_s(self) -> float:

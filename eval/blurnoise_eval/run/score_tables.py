@@ -24,7 +24,8 @@ from blurnoise_eval.answers.per_condition import Scored, conditions_of, numbered
 from blurnoise_eval.answers.recommendation import Averages, averages
 from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of, tables_by_size
 from blurnoise_eval.datasets import DOUBTFUL_LABELS
-from blurnoise_eval.grid.axes import NAMES, SETTING
+from blurnoise_eval.plan.axes import NAMES, SETTING
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.coco_export import truths
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.scoring.evaluated import NO_TRUTH, Evaluated
@@ -42,32 +43,21 @@ _SCORES, _VERSION = "scores", 8  # under which the store keeps the scores; of ho
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 
 
-def criterion_of(
-    run: Run, threshold: float | None = None, keep: float | None = None, score: str | None = None
-) -> Criterion:
-    """The criterion of a run, see :func:`.criterion_for`: as given here, or else as the sweep was given it.
+def criterion_of(run: Run, question: Question | None = None) -> Criterion:
+    """The criterion of a run, see :func:`.criterion_for`. What ``question`` leaves open is as the sweep was asked.
 
-    A threshold replaces a share to keep, and the other way round. Raises ``ValueError``.
+    Raises ``ValueError``, also for the pattern of clusters of a run that is not trusted: a search for it may never
+    end.
     """
+    earlier = run.question
+    asked = earlier if question is None else question.filled_from(earlier)
+    if not run.trusted and earlier.cluster is not None and (question is None or question.cluster is None):
+        raise ValueError(
+            f"cluster = {earlier.cluster!r}: is of a run that is not your own; specify it again if it is harmless"
+        )
     reads = any(model["kind"] == "reader" for model in run.models.values())
     rendered = run.manifest["images"]["kind"] == "rendered"
-    if threshold is None and keep is None:
-        threshold, keep = run.enough["threshold"], run.enough["keep"]
-    of = {"rendered": rendered, "reads": reads, "labelled": run.labelled}
-    return criteria.criterion_for(threshold, keep, score or run.enough["score"], **of)
-
-
-def cluster_of_run(run: Run, cluster: str | None = None) -> str | None:
-    """The pattern of the run's clusters: as given here, or else as the sweep was given it.
-
-    Raises ``ValueError`` for one of a run that is not trusted: a search for it may never end.
-    """
-    held: str | None = run.enough["cluster"]
-    if cluster is None and held is not None and not run.trusted:
-        raise ValueError(
-            f"cluster = {held!r}: is of a run that is not your own; state it again if it is harmless"
-        )
-    return held if cluster is None else cluster
+    return criteria.criterion_for(asked, rendered=rendered, reads=reads, labelled=run.labelled)
 
 
 def run_scores(
@@ -146,21 +136,21 @@ def withheld_models(store: Store, cluster: str | None = None) -> dict[str, str]:
 
 
 def score_tables(
-    store: Store, criterion: Criterion, cluster: str | None, scored_by_size: Sequence[Scored] | None = None
+    store: Store, criterion: Criterion, scored_by_size: Sequence[Scored] | None = None
 ) -> Iterator[ScoreTable]:
-    """The tables of a run, one for each model and group of targets. cluster: a pattern on pictures' names.
+    """The tables of a run, one for each model and group of targets.
 
     scored_by_size: what :func:`run_scores` gives by size, for a score that belongs to no single target.
     """
     if criterion.of is not None and criterion.of.by_size is not None:
-        found = scored_by_size or run_scores(store, cluster, by_size=criterion.score)
+        found = scored_by_size or run_scores(store, criterion.cluster, by_size=criterion.score)
         yield from tables_by_size(found, criterion.kept)
         return
     for model in queries.models_seen(store):
-        yield from _of_model(store, model, criterion, cluster)
+        yield from _of_model(store, model, criterion)
 
 
-def _of_model(store: Store, model: str, criterion: Criterion, cluster: str | None) -> Iterator[ScoreTable]:
+def _of_model(store: Store, model: str, criterion: Criterion) -> Iterator[ScoreTable]:
     """One model's, group after group."""
     columns = target_columns(store, model)
     if criterion.of is not None and criterion.of.of_targets is not None:
@@ -183,7 +173,7 @@ def _of_model(store: Store, model: str, criterion: Criterion, cluster: str | Non
     for here in np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else ():
         some = columns.rows(here)
         of = model, columns.groups[int(some.group[0])], conditions, some, values[here], clean[here]
-        table = table_of(*of, partial(cluster_of, pattern=cluster), kept=criterion.kept)
+        table = table_of(*of, partial(cluster_of, pattern=criterion.cluster), kept=criterion.kept)
         if table is not None:
             yield table
 

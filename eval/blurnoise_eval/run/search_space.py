@@ -1,6 +1,6 @@
 """A question: which exposures work, under which lights and at which speeds; its lines and nodes on the plane.
 
-Domain: values on the axes of :mod:`blurnoise_eval.grid.axes`; places (u, w) of
+Domain: values on the axes of :mod:`blurnoise_eval.plan.axes`; places (u, w) of
 :mod:`blurnoise_eval.answers.plane`. A line is every exposure under one light and velocity: it rises by 45 degrees, or
 lies on the floor at rest.
 
@@ -25,9 +25,9 @@ from blurnoise.optics.camera import Camera
 from blurnoise.scene.plan import Contribution, plan_at
 from blurnoise.sensor.stages import DARK_CURRENT
 from blurnoise_eval.answers.plane import AT_REST, DIGITS, STILL_PX, direction_of, places_of
-from blurnoise_eval.grid.axes import AUTOMATIC, EGO, EXPOSURE, FURTHER, LIGHT, VELOCITY, axis
-from blurnoise_eval.grid.conditions import Conditions
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.axes import AUTOMATIC, EGO, EXPOSURE, FURTHER, LIGHT, VELOCITY, axis
+from blurnoise_eval.plan.conditions import Conditions
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
 STEP = 0.5
 """Stops between nodes."""
@@ -61,10 +61,10 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Question:
+class SearchSpace:
     """Every exposure from the shortest to the longest of a grid, with every combination of its other values.
 
-    grid: by axis, as :class:`~blurnoise_eval.grid.conditions.SweepPlan` has it. because: why the full grid is
+    grid: by axis, as :class:`~blurnoise_eval.plan.conditions.SweepPlan` has it. because: why the full grid is
     computed in place of a search; none of a search.
     """
 
@@ -96,7 +96,7 @@ class Question:
 
 def what_breaks(
     camera: Camera,
-    question: Question,
+    question: SearchSpace,
     trajectory: str | TrajectorySpec | None = None,
     *,
     pulsed: bool = False,
@@ -123,7 +123,7 @@ def what_breaks(
     return [reason for reason, holds in reasons.items() if holds] or _of_time_alone(camera, question)
 
 
-def _of_time_alone(camera: Camera, question: Question) -> list[str]:
+def _of_time_alone(camera: Camera, question: SearchSpace) -> list[str]:
     """What the budget keeps at the longest exposure, DN RMS, and would not be the same at the shortest.
 
     At gain 0 dB: gain raises the dark charge and the noise that hides it alike.

@@ -28,7 +28,7 @@ from blurnoise.optics.captures import Capture
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene import hdr
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.run.search_space import STEP, Question, exposures_on, spread
+from blurnoise_eval.run.search_space import STEP, SearchSpace, exposures_on, spread
 
 CAUTION = 1.5
 """Inflation of the kriging sigma, calibrated by ``python -m blurnoise_eval.bench decide``."""
@@ -267,7 +267,7 @@ class Predicted:
         return np.asarray((beyond <= reach) & within.all(axis=1))
 
 
-def predicted_table(plane: ScoreTable, question: Question, trend: Trend) -> ScoreTable:
+def predicted_table(plane: ScoreTable, question: SearchSpace, trend: Trend) -> ScoreTable:
     """Of one plane the table of all lines of the question, ``PER_STOP`` exposures to a stop; without conditions where
     the model knows too little. The covariance of the prediction is that of the surface, ``CAUTION`` times as wide."""
     if plane.knows_too_little:

@@ -1,6 +1,6 @@
 """Work of a sweep: its cells in blocks, each a worker's task; models and camera, which travel; and a worker.
 
-A cell (see :mod:`blurnoise_eval.grid.conditions`) is what :func:`blurnoise.simulate` with the cell's seed gives,
+A cell (see :mod:`blurnoise_eval.plan.conditions`) is what :func:`blurnoise.simulate` with the cell's seed gives,
 whoever computes it and in whatever order.
 """
 
@@ -23,11 +23,11 @@ from blurnoise.optics.colour import PictureTone
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
 from blurnoise_eval.datasets.likeness import look
-from blurnoise_eval.grid.axes import NAMES, blur_px
-from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan, cell_seed
-from blurnoise_eval.grid.lamps import Lamps
-from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.axes import NAMES, blur_px
+from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan, cell_seed
+from blurnoise_eval.plan.lamps import Lamps
+from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.exposing import Frame, Scene, frames
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View

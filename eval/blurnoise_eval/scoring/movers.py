@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from blurnoise.light import effects
 from blurnoise.scene.scene import Exposure
-from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.scoring.boxes import MoveBoxes, swept_within
 
 BoxesIn = Callable[[torch.Tensor, tuple[int, int] | None], torch.Tensor]

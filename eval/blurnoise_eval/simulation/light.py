@@ -19,8 +19,8 @@ from blurnoise.scene.hdr import Flicker
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.scene import scene_reflectance
 from blurnoise_eval.datasets import decode, decode_linear, segmentation
-from blurnoise_eval.grid.lamps import emitters_of, pwm_of
-from blurnoise_eval.grid.plan_file import SceneFile
+from blurnoise_eval.plan.files import SceneFile
+from blurnoise_eval.plan.lamps import emitters_of, pwm_of
 
 
 def light(image: Path, given: SceneFile) -> Tensor:

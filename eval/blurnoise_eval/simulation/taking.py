@@ -27,10 +27,10 @@ from blurnoise.scene.fusion import readers_of
 from blurnoise.scene.hdr import Flicker
 from blurnoise.scene.metering import mean_luma
 from blurnoise.scene.plan import Plan
-from blurnoise_eval.grid.axes import AUTOMATIC, AXES, EGO
-from blurnoise_eval.grid.conditions import reflectance_text, with_lens
-from blurnoise_eval.grid.plan_file import SceneFile
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO
+from blurnoise_eval.plan.conditions import reflectance_text, with_lens
+from blurnoise_eval.plan.files import SceneFile
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.simulation.light import flicker, flow, moving_parts
 
 

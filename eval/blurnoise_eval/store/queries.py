@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.grid.axes import AUTOMATIC, CHOICES, SETTING, VELOCITY, setting_of, velocity_of
+from blurnoise_eval.plan.axes import AUTOMATIC, CHOICES, SETTING, VELOCITY, setting_of, velocity_of
 from blurnoise_eval.store.schema import CONDITIONS, ROWS, SORTED
 from blurnoise_eval.store.store import Store, unpack, unpack_all
 from blurnoise_eval.system.files import write_whole

@@ -9,7 +9,7 @@ import hashlib
 import math
 from collections.abc import Iterable
 
-from blurnoise_eval.grid.axes import AXES, NAMES, Axis
+from blurnoise_eval.plan.axes import AXES, NAMES, Axis
 
 CONDITIONS = ("clean", *NAMES)
 """Columns that identify a condition; the original pictures have None on every axis."""

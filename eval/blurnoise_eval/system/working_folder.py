@@ -28,10 +28,11 @@ _READ = (RUN_FILE, "examples/", "coco/instances.json")  # files of a run that ar
 
 @dataclass(frozen=True)
 class WorkingFolder:
-    """``path``, and the ``url`` that it stands for, if any."""
+    """``path``, the ``url`` that it stands for, if any, and the ``command`` that a run in it gives as its origin."""
 
     path: Path
     url: Location | None = None
+    command: str = "blurnoise_eval.evaluate"
 
     def with_url(self, text: object) -> str:
         """The text with the URL in place of the folder's path."""

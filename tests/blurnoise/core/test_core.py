@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import torch
 from annotated_types import Ge, Le, Len
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
 from blurnoise._core import rng
 from blurnoise._core.checks import Characters, Figure, Text, check_fields, shown

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers.clusters import check_cluster, cluster_of, repeated
 from blurnoise_eval.answers.criterion import Criterion, criterion_for, names
+from blurnoise_eval.plan.question import Question
 
 
 @pytest.mark.parametrize(
@@ -20,7 +21,7 @@ from blurnoise_eval.answers.criterion import Criterion, criterion_for, names
     ],
 )
 def test_what_is_usual(options, rendered, reads, expected):
-    assert criterion_for(**options, rendered=rendered, reads=reads) == expected
+    assert criterion_for(Question(**options), rendered=rendered, reads=reads) == expected
 
 
 @pytest.mark.parametrize(
@@ -42,7 +43,7 @@ def test_what_is_usual(options, rendered, reads, expected):
 )
 def test_what_cannot_be(options, reads, message):
     with pytest.raises(ValueError, match=message) as raised:
-        criterion_for(**options, rendered=False, reads=reads)
+        criterion_for(Question(**options), rendered=False, reads=reads)
     assert "\n" not in str(raised.value)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.grid.axes import SETTING
+from blurnoise_eval.plan.axes import SETTING
 from made_tables import curve, endurances, over, tables
 from plans import OWN
 

@@ -5,7 +5,7 @@ import pickle
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.plan.axes import AXES
 from commands import main
 
 from blurnoise import charts

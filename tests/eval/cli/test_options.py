@@ -10,9 +10,9 @@ import pytest
 from blurnoise_eval import cli
 from blurnoise_eval.cli import COMMANDS, inputs, main
 from blurnoise_eval.cli._options import settings
-from blurnoise_eval.grid import plan_file
-from blurnoise_eval.grid.axes import AXES, axis
-from blurnoise_eval.grid.plan_file import PlanFile, SceneFile
+from blurnoise_eval.plan import files
+from blurnoise_eval.plan.axes import AXES, axis
+from blurnoise_eval.plan.files import PlanFile, SceneFile
 
 MOST = {"sweep": 27, "decide": 21, "simulate": 25, "measure": 19}
 
@@ -103,8 +103,8 @@ def test_a_new_axis_is_one_entry(monkeypatch, capsys):
     fog = replace(
         fog, per_option=1e3, automatic=False, default=(1e3, 2e3), low=0.0, high=9e3, slugs="fog{}km"
     )
-    monkeypatch.setattr(plan_file, "AXES", (*AXES, fog))
-    table: Any = plan_file.with_axes("Conditions", "LIST")
+    monkeypatch.setattr(files, "AXES", (*AXES, fog))
+    table: Any = files.with_axes("Conditions", "LIST")
     asked: list[Any] = []
 
     @settings(table, "*")

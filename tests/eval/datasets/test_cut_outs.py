@@ -8,7 +8,7 @@ import pytest
 import torch
 from blurnoise_eval.datasets import Picture, Target, cut_out, rendered_signs, rendered_texts
 from blurnoise_eval.datasets.cut_outs import CutScene
-from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.plan.objects import Objects
 
 from blurnoise import Camera, charts, expose_layers
 from blurnoise.blur.layers import Layer

@@ -12,7 +12,7 @@ import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
-from blurnoise_eval.grid.plan_file import PlanFile
+from blurnoise_eval.plan.files import PlanFile
 from blurnoise_eval.system.urls import location
 
 fsspec = pytest.importorskip("fsspec")

@@ -10,11 +10,12 @@ import pytest
 from blurnoise_eval.answers.recommendation import CLOSE, MOST_COMMON
 from blurnoise_eval.deciding import decision
 from blurnoise_eval.deciding.decision import decided
-from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.program.problem import inputs_of
 from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.run.run import asked
-from blurnoise_eval.run.search_space import Question
+from blurnoise_eval.run.search_space import SearchSpace
 from blurnoise_eval.store.store import Store
 from signs_in_memory import CAMERA, everything, matched_detector, picture, picture_set, sign
 
@@ -27,7 +28,8 @@ PICTURES = picture_set(*(picture(f"{index}.png", partial(speckled, index)) for i
 EXPOSURES_S = tuple(np.geomspace(0.008, 0.032, 5).tolist())
 VALUES = {"illuminance_lux": (2.0, 5.0), "velocity_x_px_s": (0.0, 200.0), "velocity_y_px_s": (0.0,)}
 GRID = {"exposure_s": EXPOSURES_S, **VALUES, "gain_db": (0.0,)}
-QUESTION = Question(GRID)
+QUESTION = SearchSpace(GRID)
+HALF = Question(threshold=0.5)
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,11 @@ def detector(tmp_path_factory):
     return matched_detector(tmp_path_factory.mktemp("model"))
 
 
-def decide(folder, detector, grid=GRID, pictures=PICTURES, camera=CAMERA, most_nodes=12, **options):
+def decide(
+    folder, detector, grid=GRID, pictures=PICTURES, camera=CAMERA, most_nodes=12, question=HALF, **options
+):
     with mock.patch.object(decision, "MOST_NODES", most_nodes):
-        return decided([detector], pictures, camera, SweepPlan(grid), folder, **{"threshold": 0.5} | options)
+        return decided([detector], pictures, camera, SweepPlan(grid), question, folder, **options)
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +121,7 @@ def test_nothing_is_searched_for_a_model_without_answers(detector, tmp_path):
         *(replace(each, targets=tuple(replace(one, box_xyxy=(0.0, 0.0, 4.0, 4.0)) for one in each.targets or ()))
           for each in PICTURES)
     )  # fmt: skip
-    told = decide(tmp_path, detector, pictures=elsewhere, threshold=0.0)
+    told = decide(tmp_path, detector, pictures=elsewhere, question=Question(threshold=0.0))
     assert list(told.data.manifest["withheld_models"]) == [detector.name]
     with Store(tmp_path) as store:
         assert len(asked(store)) == 1

@@ -10,7 +10,7 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.python_models import PythonDetector, TorchvisionDetector
 from blurnoise_eval.evaluation import evaluate
-from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.plan.conditions import SweepPlan
 from blurnoise_models.detector import STOP_SIGN
 from torch import nn
 
@@ -47,7 +47,7 @@ class Network(nn.Module):
 @pytest.mark.slow
 def test_a_function_gets_the_scores_of_the_file_that_it_calls(tmp_path):
     pictures = rendered_signs()
-    done = evaluate([signs, STOP_SIGN], pictures, "imx250c", PLAN, tmp_path, refine=False)
+    done = evaluate([signs, STOP_SIGN], pictures, "imx250c", PLAN, output=tmp_path, refine=False)
     by_model = {
         name: [row["target_confidence"] for row in done.cells if row["model"] == name]
         for name in ("signs", "stop_sign")
@@ -74,7 +74,9 @@ def test_processes_take_functions_of_modules(tmp_path):
     model = pickle.loads(pickle.dumps(PythonDetector(signs, ("stop sign",), name="mine", version="2")))
     assert (model.name, model.sha256) == ("mine", PythonDetector(signs, ("stop sign",), version="2").sha256)
     with pytest.raises(ValueError, match="models cannot be sent to another process"):
-        evaluate(lambda image: signs(image), rendered_signs(), None, PLAN, tmp_path, engine="processes")
+        evaluate(
+            lambda image: signs(image), rendered_signs(), None, PLAN, output=tmp_path, engine="processes"
+        )
 
 
 @pytest.mark.parametrize(
@@ -100,6 +102,6 @@ def test_other_names_are_dropped_and_what_must_be_wrapped_is_said(tmp_path):
     assert (found.class_ids.tolist(), found.boxes_xyxy.tolist()) == ([1], [[0, 0, 5, 5]])
     for model, words in ((Network(), "TorchvisionDetector"), (7, "must be a file")):
         with pytest.raises(TypeError, match=words):
-            evaluate(model, rendered_signs(), None, PLAN, tmp_path)  # type: ignore[arg-type]
+            evaluate(model, rendered_signs(), None, PLAN, output=tmp_path)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="PythonDetector"):
-        evaluate(signs, None, None, PLAN, tmp_path)
+        evaluate(signs, None, None, PLAN, output=tmp_path)

@@ -1,22 +1,23 @@
-"""The explorer's server: who can connect, who is answered, on routes and sockets, and what it takes."""
+"""The explorer's server: who is answered, with what, and what it takes."""
 
 import asyncio
 import os
 import signal
 
+import cv2
 import numpy as np
 import pytest
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import encode
 from blurnoise_eval.explorer.catalogue import Catalogue
 
-pytest.importorskip("nicegui")
+pytest.importorskip("uvicorn")
+pytest.importorskip("httpx")
 import uvicorn
 from blurnoise_eval.explorer import server
+from blurnoise_eval.explorer.state import State
 from starlette.testclient import TestClient
-from starlette.websockets import WebSocketDisconnect
 
-SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 PNG = encode(np.random.default_rng(0).integers(0, 255, (40, 52, 3), np.uint8))
 
 
@@ -30,15 +31,6 @@ def app():
 def client(app):
     with TestClient(app, base_url="http://127.0.0.1:8123") as client:
         yield client
-
-
-def opens(client, path, host="127.0.0.1:8123"):
-    headers = {"host": host, "upgrade": "websocket"}
-    try:
-        with client.websocket_connect(f"ws://127.0.0.1:8123{path}", headers=headers) as socket:
-            return socket.receive_text().startswith("0{")  # Engine.IO's first packet
-    except WebSocketDisconnect:
-        return False
 
 
 def test_it_listens_on_the_loopback_address_alone(monkeypatch, capsys):
@@ -79,25 +71,54 @@ def test_a_second_interrupt_ends_the_server_at_once(monkeypatch):
      "10.0.0.7:8123", "[::1]:8123", "localhost.:8123", "localhost.evil.example"],
 )  # fmt: skip
 def test_another_name_rebound_to_this_machine_is_not_answered(client, host):
-    for ask in (client.get, client.post):
-        assert ask("/token/", headers={"host": host}).status_code == 400
-    assert client.post("/token/dropped?name=a.png", content=PNG, headers={"host": host}).status_code == 400
-    assert not opens(client, f"/token{SOCKET}", host=host)
+    for path in ("", "facts", "picture.png", "dropped?name=a.png"):
+        for ask in (client.get, client.post):
+            assert ask(f"/token/{path}", headers={"host": host}).status_code == 400
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8123", "localhost:8123", "127.0.0.1:9000"])
 def test_its_own_names_are_answered_through_a_forwarded_port_too(client, host):
     assert client.get("/token/", headers={"host": host}).status_code == 200
-    assert opens(client, f"/token{SOCKET}", host=host)
 
 
 @pytest.mark.parametrize(
-    "path", ["/", "/tokens/", "/token", "//token/", "/pictures/a", "/dropped?name=a", "/favicon.ico"]
+    "path",
+    ["/", "/tokens/", "/token", "//token/", "/facts", "/picture.png", "/dropped?name=a", "/favicon.ico"],
 )
 def test_without_the_token_nothing_is_answered(client, path):
     for ask in (client.get, client.post):
         assert ask(path, follow_redirects=False).status_code in (404, 405, 307)
-    assert not opens(client, SOCKET)
+
+
+def test_an_answer_is_that_of_its_query(client, app):
+    """The picture exactly, its figures, and the texts of the controls; a model that is not there is a line."""
+    query = "exposure-ms=5&lux=20&dx=0&dy=0&gain=0&seed=3"
+    shown = client.get(f"/token/picture.png?{query}").content
+    catalogue = Catalogue(model="none")
+    state = catalogue.start(query)
+    decoded = cv2.imdecode(np.frombuffer(shown, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    assert np.array_equal(decoded, catalogue.render(state).frame.image)
+    facts = client.get(f"/token/facts?{query}").json()
+    assert facts["query"] == query
+    assert facts["controls"]["exposure_s"][0] == "5"
+    assert facts["verdict"] == "No model."
+    assert not facts["scored"]
+    assert client.get("/token/preview.jpg?" + query).status_code == 204
+    assert client.get("/token/command?" + query).text == catalogue.command(state)
+    wrong = client.get("/token/facts?exposure-ms=-4")
+    assert (wrong.status_code, wrong.text) == (
+        422, "exposure-ms = '-4': exposure_s = -0.004: must be finite and > 0 and <= 3600",
+    )  # fmt: skip
+    assert "no &lt;b&gt;" in client.get("/token/?picture=no <b>").text
+
+
+def test_a_curve_is_written_point_by_point():
+    client = TestClient(server.app(Catalogue(), State(), "token"), base_url="http://127.0.0.1:8123")
+    answer = client.get("/token/curve", params={"dx": "0"})
+    points = len(answer.json()["points"])
+    assert points > 20
+    assert answer.text.startswith(" " * points + "{")
+    assert answer.json()["sentence"].startswith("Exposure: ")
 
 
 def test_a_dropped_picture_is_listed_and_what_is_none_is_refused_with_a_line(client):

@@ -6,8 +6,8 @@ from urllib.parse import urlencode
 
 import pytest
 from blurnoise_eval.explorer.catalogue import Catalogue
-from blurnoise_eval.explorer.state import FIGURES, STEPS, State, controls, key, with_figures
-from blurnoise_eval.grid.axes import AUTOMATIC, AXES
+from blurnoise_eval.explorer.state import QUANTITIES, State, controls, text_of, value_of, with_figures
+from blurnoise_eval.plan.axes import AUTOMATIC
 
 from blurnoise.light.effects import EFFECTS
 from blurnoise.optics.camera import PRESETS
@@ -30,26 +30,22 @@ def test_a_query_says_a_state():
         for state in (USUAL, MOVED, MOVED.put("moves", None)):
             assert State.of_query(state.query(base), base) == state
     assert State.of_query("", MOVED) == MOVED
-    assert replace(MOVED, cell="a1").query(USUAL) == "model=none&cell=a1"
 
 
 @pytest.mark.parametrize(
-    ("query", "told"),
+    ("query", "message"),
     [
         ("exposure-ms=-3", "exposure-ms = '-3': exposure_s = -0.003: must be finite and > 0"),
         ("gain=nan", "gain = 'nan': gain_db = nan: must be"),
         ("lux=", "lux = '': must"),
         ("moves=nobody", "must be one of all, targets, background"),
-        (
-            "cell=a1&read_noise_e=3",
-            "has its own picture, camera and conditions; remove dx, f-number, read_noise_e",
-        ),
+        ("lux=own", "lux = 'own': illuminance_lux: must be specified"),
     ],
 )
-def test_a_wrong_query_says_what_is_wrong(query, told):
+def test_a_wrong_query_says_what_is_wrong(query, message):
     with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
         State.of_query(f"dx=7&{query}&f-number=4", USUAL)
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +57,7 @@ def test_a_wrong_query_says_what_is_wrong(query, told):
 def test_whatever_a_url_says_it_is_a_state_or_a_line(value):
     """Of every parameter and figure."""
     catalogue = Catalogue()
-    names = ["picture", "camera", "model", "cell", "seed", "token", "", *map(key, (*AXES, *FIGURES))]
+    names = ["picture", "camera", "model", "seed", "repeat", "token", "", *QUANTITIES]
     for name in names:
         try:
             state = catalogue.start(urlencode([(name, value)], errors="surrogatepass"))
@@ -69,7 +65,7 @@ def test_whatever_a_url_says_it_is_a_state_or_a_line(value):
             continue
         camera = catalogue.camera(state)
         assert catalogue.start(state.query(catalogue.base)) == state
-        assert all(each.text(each.read(state, camera)) for each in controls(camera).values())
+        assert all(text_of(each.axis, each.read(state, camera)) for each in controls(camera).values())
 
 
 def test_every_number_that_an_effect_or_stage_depends_on_has_a_slider():
@@ -80,17 +76,25 @@ def test_every_number_that_an_effect_or_stage_depends_on_has_a_slider():
 
 
 @pytest.mark.parametrize("name", sorted(PRESETS))
-def test_every_control_stands_where_the_state_is_and_moves_it(name):
+def test_every_slider_stands_where_the_state_is_and_moves_it(name):
     camera, state = PRESETS[name], State()
-    for each in controls(camera).values():
-        assert each.low < each.high
-        value = each.read(state, camera)
+    for control in controls(camera).values():
+        assert list(control.values) == sorted(control.values)
+        value = control.read(state, camera)
         assert value == AUTOMATIC or math.isfinite(value)
-        values = [each.value(place) for place in range(each.steps + 1)]
-        assert values == sorted(values)
-        for place in range(0, each.steps + 1, max(1, STEPS // 5)):
-            moved = each.put(state, each.text(values[place]))
-            held = each.read(moved, with_figures(camera, moved.figures))
-            assert held == pytest.approx(values[place], rel=1e-9)
-            assert each.position(held) == pytest.approx(place, abs=0.6)
-        assert values[-1] == pytest.approx(each.high, rel=1e-3)
+        for position in range(0, len(control.values), max(1, len(control.values) // 5)):
+            wanted = value_of(control.axis, control.texts[position])
+            moved = state.put(control.axis.name, wanted)
+            assert control.read(moved, with_figures(camera, moved.figures)) == wanted
+            assert control.values[control.position(wanted)] == wanted
+
+
+def test_a_logarithmic_slider_has_equal_ratios():
+    values = controls(PRESETS["imx250"])["exposure_s"].values
+    assert values[100] == pytest.approx((values[0] * values[-1]) ** 0.5, rel=1e-2)
+
+
+def test_a_later_part_resets_what_it_excludes():
+    driven = State.of_query("ego-kmh=36", USUAL)
+    assert (driven.at["ego_speed_m_s"], driven.at["velocity_x_px_s"]) == (10.0, 0.0)
+    assert State.of_query("ego-kmh=36&dx=50", USUAL) == State.of_query("dx=50", USUAL)

@@ -1,18 +1,19 @@
 """A run that is opened again answers what its sweep was asked; options replace parts of that question."""
 
 import json
-from typing import Any
 
 import matched_filter
 import pytest
 from blurnoise_eval import Detector, Evaluation, datasets, evaluate
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.cli import main
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report import page
 from blurnoise_eval.run.merging import merge
 from plans import plan
 
 PLAN = plan((0.002, 0.01), (50.0,), (0.0, 400.0), gain_db=(0.0,))
-ASKED: dict[str, Any] = {"keep": 0.7, "score": "detection_rate", "cluster": r"\d$"}
+ASKED = Question(keep=0.7, score="detection_rate", cluster=r"\d$")
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +22,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("asked")
     model = Detector(matched_filter.build(folder / "small.onnx", sizes_px=(100, 50, 32)))
     signs = datasets.rendered_signs((50, 32), count=9)
-    evaluate(model, signs, "imx250", PLAN, folder / "run", **ASKED, threads=1, refine=False)
+    evaluate(model, signs, "imx250", PLAN, ASKED, folder / "run", refine=False)
     return folder / "run"
 
 
@@ -47,4 +48,4 @@ def test_python_and_a_merged_run_ask_the_same(run, tmp_path):
     opened = Evaluation(run)
     merge([run], tmp_path / "merged")
     assert Evaluation(tmp_path / "merged").criterion == opened.criterion
-    assert (opened.criterion.level, opened.criterion.score, opened.cluster) == (0.7, "detection_rate", r"\d$")
+    assert opened.criterion == Criterion(0.7, kept=True, score="detection_rate", cluster=r"\d$")

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.grid.axes import LIGHT
+from blurnoise_eval.plan.axes import LIGHT
 from blurnoise_eval.report import findings, tables, words
 from blurnoise_eval.report.opening import opening, table_rows
 from blurnoise_eval.report.run import RunData

@@ -11,12 +11,12 @@ from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.datasets import decode, rendered_signs, target_mask, write_picture
 from blurnoise_eval.evaluation import Evaluation
 from blurnoise_eval.explorer.run import Run as ExploredRun
-from blurnoise_eval.grid.axes import AUTOMATIC
-from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.grid.lamps import Lamps
-from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.grid.plan_file import PlanFile
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.axes import AUTOMATIC
+from blurnoise_eval.plan.conditions import Cell, Conditions
+from blurnoise_eval.plan.files import PlanFile
+from blurnoise_eval.plan.lamps import Lamps
+from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.exposing import Scene, check_plan, frames, snr_db
 from blurnoise_eval.run.merging import merge
 from blurnoise_eval.store.store import Store
@@ -246,7 +246,7 @@ def run(tmp_path_factory):
     plan = SweepPlan(grid, 10, lamps=replace(TARGETS, pwm_phase=phases))
     shown = picture_set(picture("a"), picture("b", lambda: noise(40, 51), None))
     shown = replace(shown, pictures=(shown.pictures[0], replace(shown.pictures[1], targets=())))
-    done = evaluate(matched_detector(folder), shown, HDR, plan, folder / "run", refine=False)
+    done = evaluate(matched_detector(folder), shown, HDR, plan, output=folder / "run", refine=False)
     done.report()
     return folder / "run"
 
@@ -271,14 +271,16 @@ def test_a_cell_of_the_run_is_taken_again(run):
     """As the explorer shows it: the phase of its repeat, and all captures."""
     explored = ExploredRun(run, trusted=True)
     cell = explored.cell(image="a", repeat=7, exposure_s=0.003)
-    frame = explored.expose(Scene(sign(), picture=picture("a"), lamps=explored._plan.lamps), cell)
+    frame = explored.expose(Scene(sign(), picture=picture("a"), lamps=explored.plan.lamps), cell)
     assert frame.exposure.lamp == Pwm(90.0, 0.1, 0.7)
     assert len(frame.exposure.camera.captures) == 2
 
 
 def test_a_run_without_lamps_has_the_columns_of_before(tmp_path):
     plan = SweepPlan({"exposure_s": (0.003,), "illuminance_lux": (50.0,)})
-    evaluate(matched_detector(tmp_path), picture_set(picture("a")), CAMERA, plan, tmp_path / "run").report()
+    evaluate(
+        matched_detector(tmp_path), picture_set(picture("a")), CAMERA, plan, output=tmp_path / "run"
+    ).report()
     for name in ("results.csv", "scores.csv"):
         assert (
             not {"pwm_phase", "missed_pulse", "missed_pulse_share"}
@@ -291,10 +293,10 @@ def test_parts_of_a_run_under_a_lamp_are_joined(tmp_path):
     plan = SweepPlan({"exposure_s": (0.003,), "illuminance_lux": (50.0,)}, lamps=TARGETS)
     shown = picture_set(*(picture(name) for name in "abcdef"))
     detector = matched_detector(tmp_path)
-    evaluate(detector, shown, CAMERA, plan, tmp_path / "whole", refine=False)
+    evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", refine=False)
     parts = [tmp_path / f"part{number}" for number in (1, 2)]
     for number, part in enumerate(parts, 1):
-        evaluate(detector, shown, CAMERA, plan, part, part=f"{number}/2", refine=False)
+        evaluate(detector, shown, CAMERA, plan, output=part, part=f"{number}/2", refine=False)
     merge(parts, tmp_path / "joined")
 
     def lamps(folder):

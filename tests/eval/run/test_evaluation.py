@@ -10,6 +10,7 @@ from band_readers import band_reader
 from blurnoise_eval import Evaluation, datasets, evaluate, expose
 from blurnoise_eval.default_camera import default_camera
 from blurnoise_eval.evaluation import usual_pictures, usual_plan
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.run import TABLES
 from blurnoise_eval.run import identity
 from blurnoise_eval.store.store import StoreError
@@ -31,7 +32,7 @@ def pictures(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(tmp_path_factory, detector, pictures):
     folder = tmp_path_factory.mktemp("run")
-    return evaluate(detector.path, pictures, "imx250", PLAN, output=folder, threads=2, refine=False)
+    return evaluate(detector.path, pictures, "imx250", PLAN, output=folder, refine=False)
 
 
 def timeless(rows):
@@ -62,9 +63,9 @@ def test_python_and_the_command_find_the_same(done, detector, pictures, tmp_path
 
 def test_a_run_opens_again_and_goes_on(done, detector, pictures, monkeypatch):
     monkeypatch.setattr(identity, "latency", lambda *_: pytest.fail("is known"))
-    again = evaluate([detector], pictures, "imx250", PLAN, done.folder, threshold=0.2, refine=False)
+    again = evaluate([detector], pictures, "imx250", PLAN, Question(threshold=0.2), done.folder, refine=False)
     assert (again.outcome.computed, again.outcome.resumed) == (0, 10)
-    opened = Evaluation(done.folder, 0.2)
+    opened = Evaluation(done.folder, Question(threshold=0.2))
     assert opened.outcome is None
     assert "wall_s" not in opened.summary
     assert opened.answers == again.answers
@@ -113,8 +114,9 @@ def test_one_picture_is_exposed_as_its_cell_was(done, pictures):
     [
         ({"models": []}, ValueError, "at least one"),
         ({"camera": "pinhole"}, ValueError, "one of the presets"),
-        ({"threshold": 1.5}, ValueError, "threshold"),
-        ({"threads": 0}, ValueError, "threads = 0"),
+        ({"question": Question(score="beauty")}, ValueError, "score = 'beauty'"),
+        ({"question": 0.9}, TypeError, "question = 0.9: must be a Question"),
+        ({"engine": "many"}, ValueError, "engine = 'many'"),
         ({"models": [7]}, TypeError, "models.*must be"),
         ({"plan": {}}, TypeError, "plan.*must be"),
     ],

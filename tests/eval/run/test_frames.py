@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 from blurnoise_eval import SweepPlan, evaluate
-from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.grid.objects import Crossing, Objects
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.conditions import Cell, Conditions
+from blurnoise_eval.plan.objects import Crossing, Objects
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.exposing import Scene, frames, snr_db
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from commands import main, stated
@@ -157,7 +157,7 @@ def test_the_truth_is_the_box_that_is_asked_for():
 def test_rows_say_each_targets_own_blur_and_the_plan_its_speed(detector, tmp_path):
     grid = swept((0.01,), (300.0,), (0.0, 1600.0), moves=(0.0, 1.0)).grid
     plan = SweepPlan(grid, objects=Objects(crossings=SIGN))
-    found = evaluate([detector], picture_set(picture("a")), CAMERA, plan, tmp_path / "run", threads=1)
+    found = evaluate([detector], picture_set(picture("a")), CAMERA, plan, output=tmp_path / "run")
     rows = {(row["moves"], row["velocity_x_px_s"]): row for row in found.targets}
     assert rows["targets", 1600.0]["blur_px"] == pytest.approx(SIGN_PX_S * 0.01)
     assert (rows["all", 0.0]["blur_px"], rows["all", 1600.0]["blur_px"]) == pytest.approx((0, 16))

@@ -10,8 +10,8 @@ import pytest
 from blurnoise_eval.datasets import Picture, PictureSet, Target, image_folder, write_picture
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import evaluate
-from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.grid.objects import Crossing, Objects
+from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.objects import Crossing, Objects
 from blurnoise_eval.run import computing as sweep
 from blurnoise_eval.run import identity
 from blurnoise_eval.run.identity import open_run
@@ -135,7 +135,7 @@ def test_every_part_of_a_run_is_in_its_identity(cut, detector, tmp_path):
 @pytest.fixture(scope="module")
 def cut(tmp_path_factory, detector):
     run = tmp_path_factory.mktemp("cut") / "run"
-    evaluate(detector, labelled(), CAMERA, CUTTING, run, threads=1, refine=False)
+    evaluate(detector, labelled(), CAMERA, CUTTING, output=run, refine=False)
     return run
 
 
@@ -145,7 +145,7 @@ def test_other_software_is_named(cut, detector, tmp_path, name):
     with Store(run, create=True) as store:
         store.set_about("manifest", {**store.about("manifest"), "versions": {**versions(), name: "0.0.7"}})
     with pytest.raises(StoreError, match=rf"another software\.{name} \(0\.0\.7 there, .* here\)"):
-        evaluate(detector, labelled(), CAMERA, CUTTING, run, threads=1, refine=False)
+        evaluate(detector, labelled(), CAMERA, CUTTING, output=run, refine=False)
     with pytest.raises(StoreError, match=rf"differs from .* in software\.{name} \(.*0\.0\.7"):
         merge([cut, run], tmp_path / "merged")
 

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.evaluation import Evaluation, evaluate
-from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.plan.conditions import SweepPlan
 from blurnoise_eval.report.run import write_tables
 from blurnoise_eval.run.merging import merge
 from blurnoise_eval.store.queries import write_exports
@@ -24,9 +24,9 @@ def signs(count=6):
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
-    tables(evaluate(pictures=signs(), plan=PLAN, output=folder / "whole", threads=1, refine=False))
+    tables(evaluate(pictures=signs(), plan=PLAN, output=folder / "whole", refine=False))
     for part in ("1/2", "2/2"):
-        evaluate(pictures=signs(), plan=PLAN, output=folder / part[0], threads=1, part=part, refine=False)
+        evaluate(pictures=signs(), plan=PLAN, output=folder / part[0], part=part, refine=False)
     return folder
 
 
@@ -71,7 +71,7 @@ def test_run_of_parts_is_that_of_the_whole(runs, order, tmp_path):
     ],
 )
 def test_runs_that_are_no_parts_of_one_sweep_are_refused(runs, changes, named, tmp_path):
-    usual = {"pictures": signs(), "plan": PLAN, "threads": 1, "part": "2/2", "refine": False}
+    usual = {"pictures": signs(), "plan": PLAN, "part": "2/2", "refine": False}
     evaluate(**{**usual, "output": tmp_path / "other", **changes})
     with pytest.raises(StoreError, match=f"{named}.*only parts of one sweep can be merged"):
         merge([runs / "1", tmp_path / "other"], tmp_path / "run")

@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import pytest
 from blurnoise_eval.evaluation import evaluate
-from blurnoise_eval.grid.axes import AUTOMATIC
+from blurnoise_eval.plan.axes import AUTOMATIC
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.refining import STOPS
 from blurnoise_eval.run.run import asked
 from blurnoise_eval.store.store import PictureFacts, Store
@@ -67,8 +68,16 @@ def scored(model, cell):
 
 
 def swept(folder, detector, engine=None, **options):
-    options = {"keep": KEPT, "refine": True} | options
-    return evaluate(detector, PICTURES, CAMERA, PLAN, folder, engine=engine or ClosedForm(), **options)
+    return evaluate(
+        detector,
+        PICTURES,
+        CAMERA,
+        PLAN,
+        Question(keep=KEPT),
+        folder,
+        engine=engine or ClosedForm(),
+        **options,
+    )
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from blurnoise_eval import Evaluation, evaluate
 from blurnoise_eval.datasets import PictureSet, Target
-from blurnoise_eval.grid.axes import SETTING
+from blurnoise_eval.plan.axes import SETTING
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.met_conditions import met_conditions
 from blurnoise_eval.run.score_tables import LEAST_AP50, dark_below, models_withheld, run_scores
 from blurnoise_eval.store.store import Store
@@ -33,7 +34,7 @@ def run(tmp_path_factory, detector):
         one = picture(f"p{place}.png", partial(sign, right_px=place))
         shown.append(replace(one, targets=targets, image_id=place + 1))
     pictures = PictureSet("folder", "memory", tuple(shown), categories={"stop sign": 1})
-    return evaluate(detector, pictures, "imx250", PLAN, tmp_path_factory.mktemp("run"), threads=1).folder
+    return evaluate(detector, pictures, "imx250", PLAN, output=tmp_path_factory.mktemp("run")).folder
 
 
 def test_on_pictures_of_ones_own_it_is_what_is_kept(run):
@@ -64,7 +65,8 @@ def test_a_group_that_the_model_does_not_know_is_withheld_and_named(run):
     assert (withheld["model"], withheld["group"], withheld["n_targets"]) == ("small", "a grey wall", 18)
     assert withheld["reference"] < 1
     assert any("a grey wall" in warning for warning in Evaluation(run).data.manifest["warnings"])
-    assert {answer["group"] for answer in Evaluation(run, 0.6).answers} == {"a stop sign", "a grey wall"}
+    by_level = Evaluation(run, Question(threshold=0.6)).answers
+    assert {answer["group"] for answer in by_level} == {"a stop sign", "a grey wall"}
 
 
 @pytest.mark.parametrize(
@@ -88,7 +90,7 @@ def test_more_pictures_make_no_group_known(targets, clean, withheld):
 
 def test_ap_of_a_run_is_that_of_its_scores(run):
     """What is kept of AP50 is the quotient of two rows of scores.csv, on average over speeds, which are pooled."""
-    done = Evaluation(run, score="ap50")
+    done = Evaluation(run, Question(score="ap50"))
     untouched, *exposed = done.scores
     every = [answer for answer in done.answers if answer["group"] == "all"]
     for exposure_s in {row["exposure_s"] for row in exposed}:

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blurnoise_eval.answers.plane import direction_of, same_places
-from blurnoise_eval.grid.axes import AUTOMATIC
-from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
+from blurnoise_eval.plan.axes import AUTOMATIC
+from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.run.exposing import Scene, frames
-from blurnoise_eval.run.search_space import FLOOR, Line, Question, conditions_at, lattice, what_breaks
+from blurnoise_eval.run.search_space import FLOOR, Line, SearchSpace, conditions_at, lattice, what_breaks
 from signs_in_memory import CAMERA as SMALL_CAMERA
 from signs_in_memory import picture, sign
 
@@ -99,17 +99,17 @@ def test_equal_light_and_motion_are_equal_frames(captures):
     ],
 )
 def test_what_breaks_the_plane(axes, reason):
-    found = what_breaks(CAMERA, Question({**ONE_WAY, **axes}))
+    found = what_breaks(CAMERA, SearchSpace({**ONE_WAY, **axes}))
     assert found == [] if reason is None else [reason in each for each in found] == [True]
 
 
 def test_lamps_and_captures_that_break_the_plane():
     """Captures one after the other last in proportion to the first; one with a start of its own does not."""
-    found = what_breaks(CAMERA, Question(ONE_WAY), pulsed=True)
+    found = what_breaks(CAMERA, SearchSpace(ONE_WAY), pulsed=True)
     assert found == ["a longer exposure misses fewer pulses of the lamp"]
-    assert what_breaks(replace(CAMERA, captures=staggered(16)), Question(ONE_WAY)) == []
+    assert what_breaks(replace(CAMERA, captures=staggered(16)), SearchSpace(ONE_WAY)) == []
     two_gains = (Capture(gain_db=12.0), Capture(start_s=0.0))
-    assert what_breaks(replace(CAMERA, captures=two_gains), Question(ONE_WAY)) == []
+    assert what_breaks(replace(CAMERA, captures=two_gains), SearchSpace(ONE_WAY)) == []
     apart = (Capture(), Capture(exposure_ratio=16, start_s=0.05))
-    (reason,) = what_breaks(replace(CAMERA, captures=apart), Question(ONE_WAY))
+    (reason,) = what_breaks(replace(CAMERA, captures=apart), SearchSpace(ONE_WAY))
     assert "begins at a time of its own" in reason

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.run.search_space import Line, Question, lattice, spread
+from blurnoise_eval.run.search_space import Line, SearchSpace, lattice, spread
 from blurnoise_eval.run.surface import USUAL, Kriging, correlation, predicted_table
 from made_tables import answers, table
 
@@ -59,7 +59,7 @@ def test_sigma_is_honest():
     assert np.sqrt(np.mean(squares)) == pytest.approx(1.0, abs=0.28)
 
 
-QUESTION = Question(
+QUESTION = SearchSpace(
     {
         "exposure_s": (0.002, 0.064),
         "illuminance_lux": (3.0, 40.0),

@@ -8,6 +8,7 @@ import sys
 import pytest
 from blurnoise_eval.datasets import image_folder, write_picture
 from blurnoise_eval.evaluation import Evaluation, evaluate
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.merging import merge
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import Store, StoreError
@@ -26,9 +27,9 @@ def parts(tmp_path_factory, detector):
     for name in ("a.png", "b.png"):
         write_picture(folder / "pictures" / name, sign())
     pictures = image_folder(folder / "pictures")
-    options = {"cluster": r"^(\w)", "threads": 1, "progress": False}
+    question = Question(cluster=r"^(\w)")
     for part in ("1/2", "2/2"):
-        evaluate(detector, pictures, CAMERA, PLAN, folder / part[0], part=part, **options)
+        evaluate(detector, pictures, CAMERA, PLAN, question, folder / part[0], part=part, progress=False)
     return folder / "1", folder / "2"
 
 
@@ -54,11 +55,11 @@ def test_a_run_is_trusted_where_this_account_computed_it(parts, tmp_path, monkey
     monkeypatch.setenv("BLURNOISE_STATE", str(tmp_path / "another"))
     with pytest.raises(ValueError, match=r"cluster = .* is of a run that is not your own"):
         Evaluation(parts[0], progress=False)
-    foreign = Evaluation(parts[0], cluster=".", progress=False)
+    foreign = Evaluation(parts[0], Question(cluster="."), progress=False)
     with pytest.raises(ValueError, match="is outside the folder of the run; --trust"):
         foreign.pictures.picture(name)
     trusted = Evaluation(parts[0], trust=True, progress=False)
-    assert trusted.cluster == own.cluster
+    assert trusted.criterion == own.criterion
     assert trusted.pictures.picture(name).load().shape == sign().shape
     merge(parts, tmp_path / "of others")
     for folder in (tmp_path / "merged", tmp_path / "of others"):
@@ -79,7 +80,7 @@ def test_scores_are_kept_in_runs_of_ones_own_alone(parts, tmp_path, monkeypatch)
         monkeypatch.setenv("BLURNOISE_STATE", account)
         folder = shutil.copytree(parts[0], tmp_path / str(kept))
         before = (folder / "results.sqlite").read_bytes()
-        _ = Evaluation(folder, cluster=".", progress=False).data
+        _ = Evaluation(folder, Question(cluster="."), progress=False).data
         assert (before != (folder / "results.sqlite").read_bytes()) is kept
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.run.exposing import Scene, frames
 from blurnoise_eval.scoring.boxes import swept_within
 from blurnoise_eval.scoring.evaluated import Evaluated, Truth

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import AUTOMATIC, MOVES, named
+from blurnoise_eval.plan.axes import AUTOMATIC, MOVES, named
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.schema import CONDITIONS

@@ -31,7 +31,7 @@ def staying(engine: Engine) -> AbstractContextManager[Engine]:
     return engine if isinstance(engine, Staying) else nullcontext(engine)
 
 
-def engine_of(name: str, workers: int | None, address: str | None = None) -> Engine:
+def engine_of(name: str, workers: int | None = None, address: str | None = None) -> Engine:
     """The engine of that name, by default with a worker per core of this machine, or of the cluster at ``address``.
 
     Raises ``ValueError`` for another name, for less than one worker, and for an address with another engine.
@@ -44,8 +44,8 @@ def engine_of(name: str, workers: int | None, address: str | None = None) -> Eng
     return RayEngine(workers, address)
 
 
-def engine_facts(engine: str | Engine, workers: int | None) -> dict[str, Any]:
+def engine_facts(engine: Engine) -> dict[str, Any]:
     """What a run notes of who computed it."""
-    if not isinstance(engine, str):
-        return {"engine": repr(engine)}
-    return {"engine": engine, "threads": usable_cores() if workers is None else workers}
+    name = next((name for name, kind in ENGINES.items() if kind is type(engine)), None)
+    workers: int | None = getattr(engine, "workers", None)
+    return {"engine": repr(engine)} if None in (name, workers) else {"engine": name, "threads": workers}

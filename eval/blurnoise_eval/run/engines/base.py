@@ -171,16 +171,16 @@ class ThreadEngine:
     PyTorch and OpenCV have one thread each meanwhile. Raises ``ValueError`` for less than one thread.
     """
 
-    threads: int = 1
+    workers: int = 1
 
     def __post_init__(self) -> None:
-        at_least_one("threads", self.threads)
+        at_least_one("threads", self.workers)
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.run.engines.Engine`."""
-        worker, most = work.open(self.threads + _HELD_BESIDE), _IN_FLIGHT * self.threads
+        worker, most = work.open(self.workers + _HELD_BESIDE), _IN_FLIGHT * self.workers
         with limited_threads(1):
-            pool = ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,))
+            pool = ThreadPoolExecutor(self.workers, initializer=torch.set_num_threads, initargs=(1,))
 
             def submit(block: Block) -> Future[BlockResult]:
                 return pool.submit(lambda: (worker.compute(block), []))

@@ -33,18 +33,18 @@ class ProcessEngine(base.Staying):
     picture of its block is given up.
     """
 
-    processes: int = 1
+    workers: int = 1
     _pool: _Pool | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        base.at_least_one("processes", self.processes)
+        base.at_least_one("processes", self.workers)
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.run.engines.Engine`."""
         pickled = base.pickled(work)
         with self:
             try:
-                yield from self._computed(pickled, base.shared_out(blocks, self.processes))
+                yield from self._computed(pickled, base.shared_out(blocks, self.workers))
             except BaseException:  # closed early, or an interrupt
                 self.stop()
                 raise
@@ -59,7 +59,7 @@ class ProcessEngine(base.Staying):
             return self._pool_of(work).submit(block)
 
         while True:
-            flying = base.in_flight(submit, blocks, lambda: 0 if suspects else self.processes + 1)
+            flying = base.in_flight(submit, blocks, lambda: 0 if suspects else self.workers + 1)
             for block, future in flying:
                 if isinstance(future.exception(), BrokenProcessPool):  # so fails all that is in flight
                     suspects.append(block)
@@ -85,7 +85,7 @@ class ProcessEngine(base.Staying):
             return self._pool
         for _ in range(_OPENINGS):
             self.stop()
-            self._pool = _Pool(work, self.processes)
+            self._pool = _Pool(work, self.workers)
             opened = self._pool.submit(None)
             if not isinstance(opened.exception(), BrokenProcessPool):
                 base.results_of(opened.result())

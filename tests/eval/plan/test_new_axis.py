@@ -9,7 +9,7 @@ import pytest
 SCRIPT = '''
 import importlib.util, sys
 from pathlib import Path
-spec = importlib.util.find_spec("blurnoise_eval.grid.axes")
+spec = importlib.util.find_spec("blurnoise_eval.plan.axes")
 source = Path(spec.origin).read_text(encoding="utf-8")
 entry = """    Axis(
         "read_noise_e", "camera.read_noise_e", "--read-noise-e", "of the amplifier, e-", "Read noise", "e-",

@@ -10,7 +10,7 @@ from functools import cached_property
 
 from blurnoise._core.checks import in_range
 from blurnoise.light.flicker import Pwm
-from blurnoise_eval.grid.axes import numbers
+from blurnoise_eval.plan.axes import numbers
 
 TARGETS = "targets"
 """The targets of every picture: the place of lamps, as scenes have a mask's file."""

@@ -24,7 +24,7 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import PictureTone, picture_tone
 from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor
 from blurnoise.scene.scene import Exposure
-from blurnoise_eval.grid.axes import (
+from blurnoise_eval.plan.axes import (
     AUTOMATIC,
     AXES,
     CORE,
@@ -37,9 +37,9 @@ from blurnoise_eval.grid.axes import (
     setting_of,
     velocity_of,
 )
-from blurnoise_eval.grid.lamps import Lamps
-from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.lamps import Lamps
+from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
 DIFFRACTION_UM = 0.55
 """Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.grid.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, number, numbers
-from blurnoise_eval.grid.conditions import Cell, Conditions, Part, SweepPlan
-from blurnoise_eval.grid.objects import Crossing, Objects
+from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, number, numbers
+from blurnoise_eval.plan.conditions import Cell, Conditions, Part, SweepPlan
+from blurnoise_eval.plan.objects import Crossing, Objects
 from plans import IMX250, plan
 from plans import plan as swept
 from signs_in_memory import CAMERA, PLAN, TWO, matched_detector, rows_of

@@ -44,7 +44,7 @@ class Settings:
         from blurnoise.motion.ego import Vehicle
         from blurnoise.optics.colour import PictureTone
         from blurnoise.scene.metering import AutoExposure
-        from blurnoise_eval.grid.objects import Objects
+        from blurnoise_eval.plan.objects import Objects
 
         records = {"Objects": Objects, "Vehicle": Vehicle, "AutoExposure": AutoExposure}
         return records | {"PictureTone": PictureTone}

@@ -1,9 +1,6 @@
-"""What a state shows: the sweep's bits, numbers by their formulas, confidences, a smaller copy, and sentences."""
+"""A picture that is explored: its figures, confidences, verdict, curve and boxes, and a smaller copy."""
 
 import math
-import xml.etree.ElementTree as ET
-from types import SimpleNamespace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -12,20 +9,9 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.explorer.rendered import (
-    POINTS,
-    Point,
-    Standard,
-    Subject,
-    boxes,
-    curve_points,
-    mean_confidence,
-    rendered,
-    verdict,
-    window,
-    window_sentence,
-)
 from blurnoise_eval.explorer.state import State, controls
+from blurnoise_eval.explorer.subject import CURVE_EVERY, Found, Subject
+from blurnoise_eval.explorer.verdict import Point, Standard, mean_confidence, window, window_sentence
 from blurnoise_eval.scoring.on_picture import NOTHING, ModelOutput
 from blurnoise_models.detector import STOP_SIGN
 
@@ -36,8 +22,8 @@ STATE = State()
 KEPT, ABSOLUTE = Criterion(0.9, kept=True), Criterion(0.6, kept=False)
 
 
-def seen(state, subject, model=None):
-    return rendered(state, subject, subject.frame(state, CAMERA), model)
+def rendered(state, subject, model=None):
+    return subject.rendered(subject.frame(state, CAMERA), model)
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +32,8 @@ def signs():
 
 
 def test_numbers_are_those_of_their_formulas(signs):
-    found = seen(STATE.put("gain_db", 0.0).put("velocity_y_px_s", 750.0), signs)
-    values = {name: value for name, (_, value, _) in found.numbers.items()}
+    numbers = rendered(STATE.put("gain_db", 0.0).put("velocity_y_px_s", 750.0), signs).numbers
+    values = {name: value for name, (_, value, _) in numbers.items()}
     white_e = photoelectrons(CAMERA, 2.0, 0.02)
     grey_e = 0.18 * white_e
     dark_dn2 = CAMERA.dark_variance_dn2(CAMERA.dark_current_e_s * 0.02)
@@ -56,32 +42,23 @@ def test_numbers_are_those_of_their_formulas(signs):
     assert values["blur_px"] == pytest.approx(0.02 * 1250)
     assert values["snr_db"] == pytest.approx(20 * math.log10(grey_e / noise_e), abs=0.05)
     assert (values["exposure_ms"], values["gain_db"], values["clipped_percent"]) == (20.0, 0.0, 0.0)
-    bright = seen(STATE.put("illuminance_lux", 500.0).put("gain_db", 0.0), signs)
-    assert bright.frame.saturated is not None
+    bright = rendered(STATE.put("illuminance_lux", 500.0).put("gain_db", 0.0), signs)
     assert 0 < bright.numbers["clipped_percent"][1] == 100 * bright.frame.saturated
 
 
-def test_a_detector_is_asked_as_in_a_sweep_and_the_curve_is_what_is_seen_there(signs):
+def test_the_verdict_is_the_share_that_is_kept_and_the_curve_goes_through_it(signs):
     detector = Detector(STOP_SIGN)
-    taken = seen(STATE, signs, detector)
-    assert taken.sight is not None
-    assert taken.clean is not None
-    assert taken.standard is not None
-    own = [row["confidence"] for row in signs.view(detector).evaluate(taken.frame.image).targets]
-    assert [row["confidence"] for row in taken.sight.targets] == own
-    assert taken.standard.unit == pytest.approx(np.mean([row["confidence"] for row in taken.clean.targets]))
-    good, sentence = verdict(taken)
-    kept = np.mean(own) / taken.standard.unit
-    assert good == (kept >= 0.9)
-    assert sentence.startswith(f"Keeps {100 * kept:.0f} % of its confidence in the original")
-    points = list(curve_points(STATE, signs, CAMERA, detector, taken.standard))
-    exposure = controls(CAMERA)["exposure_s"]
-    assert [point.exposure_ms for point in points] == [
-        exposure.value(200 * place / (POINTS - 1)) for place in range(POINTS)
-    ]
-    there = seen(exposure.put(STATE, exposure.text(points[14].exposure_ms)), signs, detector)
-    assert there.sight is not None
-    assert points[14].mean == mean_confidence(there.sight)
+    found = rendered(STATE, signs, detector).found
+    unit = np.mean([row["confidence"] for row in found.clean.targets])
+    share = mean_confidence(found.output) / unit
+    good, sentence = found.standard.verdict(found.counted)
+    assert good == (share >= 0.9)
+    assert sentence.startswith(f"Keeps {100 * share:.0f} % of its confidence in the original")
+    points = list(signs.curve(STATE, CAMERA, detector))
+    exposures_s = controls(CAMERA)["exposure_s"].values[::CURVE_EVERY]
+    assert [point.exposure_ms for point in points] == pytest.approx([1e3 * value for value in exposures_s])
+    there = rendered(STATE.put("exposure_s", exposures_s[14]), signs, detector)
+    assert points[14].mean == mean_confidence(there.found.counted)
 
 
 def test_the_smaller_copy_is_the_picture_averaged():
@@ -100,20 +77,22 @@ def test_the_smaller_copy_is_the_picture_averaged():
         subject.preview(STATE.put("ego_speed_m_s", 20.0), CAMERA)
 
 
-def sight(*confidences):
-    rows = tuple({"target_id": 2 * place, "confidence": held} for place, held in enumerate(confidences))
+def output(*confidences):
+    rows = tuple(
+        {"target_id": 2 * number, "confidence": confidence} for number, confidence in enumerate(confidences)
+    )
     return ModelOutput(NOTHING, rows, 1.0, None, 0)
 
 
 def test_what_is_enough_is_a_share_of_the_original_or_a_confidence():
     """Of a share, what is missed in the original is no target."""
-    clean, dark = sight(0.8, 0.1, 0.4), sight(0.6, 0.9, 0.5)
+    clean, dark = output(0.8, 0.1, 0.4), output(0.6, 0.9, 0.5)
     kept = Standard.of(KEPT, clean)
     assert (kept.unit, kept.required) == (pytest.approx(0.6), pytest.approx(0.54))
-    assert [row["target_id"] for row in kept.sight(dark).targets] == [0, 4]
+    assert [row["target_id"] for row in kept.of_counted(dark).targets] == [0, 4]
     assert kept.text(0.54) == "90 %"
     absolute = Standard.of(ABSOLUTE, clean)
-    assert (absolute.required, absolute.text(0.3), absolute.sight(dark)) == (0.6, "0.30", dark)
+    assert (absolute.required, absolute.text(0.3), absolute.of_counted(dark)) == (0.6, "0.30", dark)
 
 
 def test_the_window_is_that_around_the_exposure_or_else_the_widest():
@@ -126,7 +105,7 @@ def test_the_window_is_that_around_the_exposure_or_else_the_widest():
 
 
 @pytest.mark.parametrize(
-    ("held", "told"),
+    ("means", "sentence"),
     [
         ((0.9, 0.9, 0.9), "0.60 or more at every tested value; best: 0.90 at 1.64 ms."),
         ((0.1, 0.9, 0.1), "0.60 or more from about 0.15 to 17 ms, not here; best: 0.90 at 1.64 ms."),
@@ -135,10 +114,10 @@ def test_the_window_is_that_around_the_exposure_or_else_the_widest():
         ((0.1, 0.2, 0.1), "none of the 3 tested values reaches 0.60; best: 0.20 at 1.64 ms."),
     ],
 )
-def test_the_sentence_of_a_curve(held, told):
-    points = [Point(value, each) for value, each in zip((0.003, 1.64, 900.0), held, strict=True)]
+def test_the_sentence_of_a_curve(means, sentence):
+    points = [Point(*point) for point in zip((0.003, 1.64, 900.0), means, strict=True)]
     standard = Standard(0.6, False, 1.0, frozenset())
-    assert window_sentence(points, 20.0, standard).removeprefix("Exposure: ") == told
+    assert window_sentence(points, 20.0, standard).removeprefix("Exposure: ") == sentence
 
 
 def test_the_best_exposure_saturates_little_where_another_such_works():
@@ -148,23 +127,16 @@ def test_the_best_exposure_saturates_little_where_another_such_works():
     assert window_sentence(points[1:], 10.0, standard).endswith("best: 0.90 at 10 ms.")
 
 
-# --- boxes and the curve ---
-
-
-def row(x, confidence):
-    place = {"x0": x, "y0": 20.0, "x1": x + 30, "y1": 50.0, "width_px": 30.0, "height_px": 30.0}
-    return {**place, "confidence": confidence}
-
-
-def drawn(classes, *targets):
-    places = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
-    detections = Detections(places, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
-    found: Any = SimpleNamespace(classes=classes, frame=SimpleNamespace(image=np.zeros((80, 120, 3))))
-    return ET.fromstring(boxes(found, ModelOutput(detections, targets, 1.0, None, 0)))
-
-
 def test_boxes_are_found_missed_or_others():
-    tree = drawn(("sign",), row(10, 0.3), row(60, 0.2))
-    assert tree.get("viewBox") == "0 0 120 80"  # whatever lies below
-    assert [each.get("class") for each in tree] == ["other", "found", "missed"]
-    assert [each.findtext("text") for each in tree] == ["sign 0.90", "0.30", "0.20"]
+    def target(x, confidence):
+        box = {"x0": x, "y0": 20.0, "x1": x + 30, "y1": 50.0, "width_px": 30.0, "height_px": 30.0}
+        return {**box, "confidence": confidence, "target_id": x}
+
+    boxes_xyxy = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
+    detections = Detections(boxes_xyxy, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
+    answer = ModelOutput(detections, (target(10, 0.3), target(60, 0.2)), 1.0, None, 0)
+    found = Found(answer, answer, Standard.of(ABSOLUTE, answer), ("sign",))
+    assert [(each["kind"], each["text"]) for each in found.boxes] == [
+        ("other", "sign 0.90"), ("found", "0.30"), ("missed", "0.20"),
+    ]  # fmt: skip
+    assert found.boxes[0]["box"] == [0, 0, 9, 9]

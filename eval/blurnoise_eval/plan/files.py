@@ -11,15 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from blurnoise_eval import label_formats
-from blurnoise_eval.grid.axes import AXES, MOVES, VELOCITY, Axis, axis, bounds
-from blurnoise_eval.grid.settings import Settings, setting
+from blurnoise_eval.plan.axes import AXES, MOVES, VELOCITY, Axis, axis, bounds
+from blurnoise_eval.plan.question import Question
+from blurnoise_eval.plan.settings import Settings, setting
 
 if TYPE_CHECKING:
     from blurnoise.motion.ego import Vehicle
     from blurnoise.optics.colour import PictureTone
     from blurnoise.scene.metering import AutoExposure
-    from blurnoise_eval.grid.conditions import SweepPlan
-    from blurnoise_eval.grid.objects import Objects
+    from blurnoise_eval.plan.conditions import SweepPlan
+    from blurnoise_eval.plan.objects import Objects
 
 Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 SCENE = {"exposure_ms": "10", "lux": "100", "dx": "0", "dy": "0", "temperature_c": "25", "gain": "0"}
@@ -95,7 +96,7 @@ def tone_of(given: object) -> PictureTone:
 
 def phases(given: object) -> tuple[float, ...]:
     """Phases of a pulsed lamp: "random", none, or numbers. Raises ``ValueError``."""
-    from blurnoise_eval.grid.lamps import phases_of
+    from blurnoise_eval.plan.lamps import phases_of
 
     return phases_of(given)
 
@@ -146,33 +147,7 @@ class Taking(Settings):
 
 
 @dataclass(frozen=True)
-class Enough(Settings):
-    """The criterion of a sweep or of an exposure program."""
-
-    keep: float | None = setting(
-        None,
-        "required share of the score on the original pictures (default: 0.9 for your own pictures)",
-        "SHARE",
-    )
-    threshold: float | None = setting(
-        None, "required score, instead of a required share (default: 0.6 for rendered pictures)", "C"
-    )
-    score: str | None = setting(
-        None,
-        "score to judge by: target_confidence, detection_rate, recall@0.1 (recall at 0.1 false positives per "
-        "original picture), ap50, ap, or exact_match for text (default: target_confidence; exact_match for your own "
-        "texts)",
-        "NAME",
-    )
-    cluster: str | None = setting(
-        None,
-        "regular expression; pictures with the same match form a cluster, such as the frames of one drive",
-        "REGEX",
-    )
-
-
-@dataclass(frozen=True)
-class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc]  # its fields are those of the table
+class PlanFile(with_axes(LISTS, "LIST"), Taking, Question):  # type: ignore[misc]  # its fields are those of the table
     """A sweep: models, pictures, conditions, the criterion, and the workers."""
 
     KIND: ClassVar[str] = "plan of a sweep (blurnoise sweep, decide and quality --plan FILE)"
@@ -243,10 +218,13 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc] 
         None, "compute only part K of N of the pictures; 'blurnoise merge' joins the runs", "K/N"
     )
 
+    def __post_init__(self) -> None:
+        """The question is checked once options have replaced what the file says of it."""
+
     def sweep_plan(self, usual: Mapping[str, str] = {}, repeats: int = 1) -> SweepPlan:
         """The plan of a sweep. usual, repeats: defaults for what the file leaves out."""
-        from blurnoise_eval.grid.conditions import SweepPlan
-        from blurnoise_eval.grid.lamps import Lamps
+        from blurnoise_eval.plan.conditions import SweepPlan
+        from blurnoise_eval.plan.lamps import Lamps
 
         names = ("seed", "grey_anchor", "picture_tone", "trajectory", "objects", "auto_exposure", "hdr_white")
         held: Any = {"ego": self.vehicle} | {name: getattr(self, name) for name in names}
@@ -315,10 +293,13 @@ class SceneFile(with_axes("Conditions: one number each", "NUMBER", SCENE), Takin
 
 
 @dataclass(frozen=True)
-class ProgramFile(Enough):
+class ProgramFile(Question):
     """An exposure program: lights, speeds and targets, the criterion, and the limits of the camera."""
 
     KIND: ClassVar[str] = "exposure program (blurnoise program --plan FILE)"
+
+    def __post_init__(self) -> None:
+        """The question is checked once options have replaced what the file says of it."""
 
     model: str | None = setting(None, "model of the run (default: the only one)", "NAME")
     lux: tuple[float, float] | None = setting(
