@@ -12,7 +12,7 @@ from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.run.exposing import Frame, Scene, frames
 
 if TYPE_CHECKING:
-    from blurnoise_eval.explorer.run import Run
+    from blurnoise_eval.run.run import Run
 
 
 def expose(

@@ -101,12 +101,12 @@ def _road() -> Case:
         scale = 1 / (1 + _SPEED_M_S * time * np.maximum(y - middle_y, 0) / (1.4 * focal_px))
         return scale * (x - middle_x) + middle_x, scale * (y - middle_y) + middle_y
 
-    one = Contender("one blur for all", lambda: motion_blur(picture(), mean))
+    shown = picture()
+    one = Contender("one blur for all", lambda: motion_blur(shown, mean))
     ours = _ours(velocity_px_s=torch.from_numpy(flow).float())
     return _against_truth("road at 100 km/h", [ours, one], where)
 
 
-@cache
 def picture() -> Tensor:
     """What moves, linear (1, 3, H, W)."""
     return _tensor(pixels(leaves(HEIGHT, WIDTH)))
@@ -128,9 +128,11 @@ def _uniformly(x_px_s: float, y_px_s: float) -> Where:
 def _ours(**moving: Any) -> Contender:
     """The light of ``simulate`` after its motion, whatever moves."""
 
+    shown = picture()
+
     def call() -> Tensor:
-        at = Conditions.of(picture(), _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
-        return effects.through(picture(), at)
+        at = Conditions.of(shown, _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
+        return effects.through(shown, at)
 
     return Contender("blurnoise", call, True)
 

@@ -37,14 +37,17 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     from blurnoise_eval.program.optimise import optimise
     from blurnoise_eval.program.problem import Problem, inputs_of
     from blurnoise_eval.run.run import Run
-    from blurnoise_eval.run.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
     check_outputs(output, "program.csv", "program.json", "program.png", "libcamera.json")
     in_range("fps", config.fps, 0.0, 1e6, above=True)
     in_range("readout_ms", config.readout_ms, 0.0, 1e3 / config.fps)
-    with read_run(run) as read, Run.open(read.path) as opened, ProgressBar("program", 2) as advance:
-        inputs = inputs_of(opened.store, criterion_of(opened, config.question), config.model)
+    with (
+        read_run(run) as read,
+        Run.open(read, config.question) as opened,
+        ProgressBar("program", 2) as advance,
+    ):
+        inputs = inputs_of(opened, config.model)
         camera, own = inputs.metering.camera, inputs.scenario
         shortest_s = camera.row_time_s or of.PREGIUS_LEAST_S
         within_s = 1 / config.fps - config.readout_ms / 1e3

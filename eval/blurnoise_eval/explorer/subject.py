@@ -22,15 +22,16 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.scene.exposure import Exposure
+from blurnoise_eval.answers.criterion import CONFIDENCE, KEPT, Criterion
 from blurnoise_eval.datasets import Picture
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.explorer.run import USUAL, Run
 from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.explorer.verdict import Point, Standard, mean_confidence
 from blurnoise_eval.plan.axes import EGO, EXPOSURE, MOVES, VELOCITY
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
 from blurnoise_eval.run.exposing import Frame, Scene, frames, snr_db
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
 from blurnoise_eval.scoring.on_picture import ModelOutput, View
@@ -39,6 +40,8 @@ PREVIEW_PX = 120_000
 """A picture of more pixels is shown smaller while a slider moves."""
 CURVE_EVERY = 8
 """A curve has a point at every eighth position of the slider."""
+_USUAL = Criterion(KEPT, kept=True)
+"""The criterion without a run, and of a run that is not judged by confidences."""
 _GREY = 0.18
 
 
@@ -51,7 +54,8 @@ class Subject:
 
     def __init__(self, picture: Picture, run: Run | None = None) -> None:
         self._name, self._run = picture.name, run
-        self._criterion = run.criterion if run else USUAL
+        criterion = run.criterion if run else _USUAL
+        self._criterion = criterion if criterion.score == CONFIDENCE else _USUAL
         self.scene = run.scene(picture) if run else Scene(picture.load(), picture=picture)
         self.original = self.scene.image8
         self.size = self.original.shape[0], self.original.shape[1]

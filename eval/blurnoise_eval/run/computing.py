@@ -1,4 +1,7 @@
-"""A sweep: every picture under every condition before every model, by any engine, into a store that survives."""
+"""Computing a plan: every picture under every condition before every model, by any engine, into a store.
+
+The store is whole at any time: a run that was stopped goes on where it was.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +45,7 @@ class Outcome:
         self.workers_died += more.workers_died
 
 
-def run(
+def compute(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,

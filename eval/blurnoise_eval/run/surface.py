@@ -31,7 +31,7 @@ from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.run.search_space import STEP, SearchSpace, exposures_on, spread
 
 CAUTION = 1.5
-"""Inflation of the kriging sigma, calibrated by ``python -m blurnoise_eval.bench decide``."""
+"""Inflation of the kriging sigma, calibrated on searches that were replayed on dense sweeps."""
 PER_STOP = 12  # predicted exposures on a line
 USUAL_LENGTH = 3.3  # stops
 _LENGTH_SPREAD = 0.6  # of its natural logarithm

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.datasets import decode, rendered_signs, target_mask, write_picture
-from blurnoise_eval.evaluation import Evaluation
-from blurnoise_eval.explorer.run import Run as ExploredRun
 from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.files import PlanFile
@@ -19,6 +17,7 @@ from blurnoise_eval.plan.objects import Objects
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.exposing import Scene, check_plan, frames, snr_db
 from blurnoise_eval.run.merging import merge
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import Store
 from commands import main
 from signs_in_memory import BOX, CAMERA, matched_detector, noise, picture, picture_set, sign
@@ -246,7 +245,7 @@ def run(tmp_path_factory):
     plan = SweepPlan(grid, 10, lamps=replace(TARGETS, pwm_phase=phases))
     shown = picture_set(picture("a"), picture("b", lambda: noise(40, 51), None))
     shown = replace(shown, pictures=(shown.pictures[0], replace(shown.pictures[1], targets=())))
-    done = evaluate(matched_detector(folder), shown, HDR, plan, output=folder / "run", refine=False)
+    done = evaluate(matched_detector(folder), shown, HDR, plan, output=folder / "run", strategy="grid")
     done.report()
     return folder / "run"
 
@@ -263,13 +262,13 @@ def test_tables_carry_phase_and_missed_pulses(run):
     assert {at: float(share) for at, share in shares.items()} == {0.001: 0.9, 0.003: 0.7, 0.012: 0.0}
     page = (run / "report.html").read_text()
     assert "Share of pictures that miss the pulsed lamp" in page
-    (answer,) = Evaluation(run).answers
+    (answer,) = Run.open(run).answers
     assert answer["window_from_limited_by"] == "missed pulses"
 
 
 def test_a_cell_of_the_run_is_taken_again(run):
     """As the explorer shows it: the phase of its repeat, and all captures."""
-    explored = ExploredRun(run, trusted=True)
+    explored = Run.open(run, trust=True)
     cell = explored.cell(image="a", repeat=7, exposure_s=0.003)
     frame = explored.expose(Scene(sign(), picture=picture("a"), lamps=explored.plan.lamps), cell)
     assert frame.exposure.lamp == Pwm(90.0, 0.1, 0.7)
@@ -293,10 +292,10 @@ def test_parts_of_a_run_under_a_lamp_are_joined(tmp_path):
     plan = SweepPlan({"exposure_s": (0.003,), "illuminance_lux": (50.0,)}, lamps=TARGETS)
     shown = picture_set(*(picture(name) for name in "abcdef"))
     detector = matched_detector(tmp_path)
-    evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", refine=False)
+    evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", strategy="grid")
     parts = [tmp_path / f"part{number}" for number in (1, 2)]
     for number, part in enumerate(parts, 1):
-        evaluate(detector, shown, CAMERA, plan, output=part, part=f"{number}/2", refine=False)
+        evaluate(detector, shown, CAMERA, plan, output=part, part=f"{number}/2", strategy="grid")
     merge(parts, tmp_path / "joined")
 
     def lamps(folder):

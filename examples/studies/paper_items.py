@@ -1,10 +1,10 @@
-"""The items of the rerun in the paper's order, what each holds to the paper, and what cannot be compared.
+"""The items of the rerun in the paper's order, how each is compared with the paper, and what cannot be compared.
 
-Metrics of charts are of the camera's linear numbers, before any coding, so both chains have the same. They are
-withheld once the chart clips; the paper reads on there, and sees MTF50 and SNR rise. A sign counts as found where its
-mean confidence over the noise fields is at or above the paper's 0.6, and as read where that of every noise field is.
-The paper's chain is judged, and the camera's stands beside it; in the maps it is the other way round, as in their
-light linear 8 bits leave too little. A new item is a function and an entry of ``ITEMS``.
+Metrics of charts are of the camera's linear numbers, before any coding, so both chains have the same. They are not
+available once the chart clips; the paper reads on there, and sees MTF50 and SNR rise. A sign counts as detected where
+its mean confidence over the noise fields is at or above the paper's 0.6, and as read where every noise field's is.
+The paper's chain is judged and the camera's reported; in the maps it is the other way round, because in their light
+linear 8 bits leave too little. A new item is a function and an entry of ``ITEMS``.
 """
 
 from __future__ import annotations
@@ -16,14 +16,11 @@ from itertools import pairwise
 from statistics import median
 from typing import Any
 
+from paper_checks import Check, Curve, Figure, Item, Parts, Range, even, falling, near, within
+from paper_measurements import CAMERA, Grid, Measurements, NotRun, clips_from_ms
 from scipy.stats import spearmanr
 
-from blurnoise.motion.ego import blur_pixels
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import photoelectrons
-from blurnoise_eval.paper import measurement
-from blurnoise_eval.paper.item import Check, Curve, Figure, Item, Parts, Range, even, falling, near, within
-from blurnoise_eval.paper.measurement import CAMERA, Chain, Grid, Measurements, NotRun
+from blurnoise import Camera, blur_pixels, photoelectrons
 
 TABLE_2 = (
     (3.938, 0.5, 25, 5, 30),
@@ -81,128 +78,121 @@ FROM_FACTOR, TO_FACTOR = 2.0, 1.3
 READ_DX = (0.0, 50.0, 100.0, 200.0, 350.0, 500.0)
 
 
-def table_2(measured: Measurements) -> Parts:
+def table_2(measurements: Measurements) -> Parts:
     """Motion blur of road users, row by row."""
     camera = Camera.preset(CAMERA)
     optics: Any = {"width_px": camera.width_px, "hfov_deg": camera.hfov_deg}
     for number, (printed, width, distance, kmh, ms) in enumerate(TABLE_2, 1):
-        found = blur_pixels(kmh / 3.6, distance, 1e-3 * ms, target_width_m=width, **optics)
+        blur_px = blur_pixels(kmh / 3.6, distance, 1e-3 * ms, target_width_m=width, **optics)
         what = f"row {number}: {width:g} m wide, {distance:g} m away, {kmh:g} km/h, {ms:g} ms"
         ends = printed - PRINTED_PX, printed + PRINTED_PX
-        yield within(what, f"{printed:.3f} px", found, *ends, "px", ".4f")
+        yield within(what, f"{printed:.3f} px", blur_px, *ends, "px", ".4f")
 
 
-def quanta(measured: Measurements) -> Parts:
+def quanta(measurements: Measurements) -> Parts:
     """Quanta of white light: the camera's electrons times the sensitivity by which the tool multiplies."""
     camera = Camera.preset(CAMERA)
-    found = photoelectrons(camera, 50.0, 0.030) * camera.system_gain_dn_per_e
-    yield within(
-        "white at 50 lux, 30 ms",
-        f"{QUANTA:.1f} (its tool)",
-        found,
-        0.999 * QUANTA,
-        1.001 * QUANTA,
-        "quanta",
-        ".1f",
-    )
+    white = photoelectrons(camera, 50.0, 0.030) * camera.system_gain_dn_per_e
+    expected, ends = f"{QUANTA:.1f} (its tool)", (0.999 * QUANTA, 1.001 * QUANTA)
+    yield within("white at 50 lux, 30 ms", expected, white, *ends, "quanta", ".1f")
 
 
-def mtf50_over_exposure(measured: Measurements) -> Parts:
+def mtf50_over_exposure(measurements: Measurements) -> Parts:
     """Flat at rest until the chart clips, and lower with speed."""
-    at_rest = measured.curve(OVER_EXPOSURE, "mtf50_x", dx=0.0)
-    estimates = [measured[OVER_EXPOSURE]["mtf50_x", ms, 0.0] for ms in at_rest]
+    at_rest = measurements.curve(OVER_EXPOSURE, "mtf50_x", dx=0.0)
+    estimates = [measurements[OVER_EXPOSURE]["mtf50_x", ms, 0.0] for ms in at_rest]
     middle, last = median(at_rest.values()), max(at_rest)
     text = f"{middle:.3f} cycles/px to {last:g} ms"
     flat = near("MTF50 at rest", "flat to 20 ms", estimates, [middle] * len(estimates), text, NEAR)
     yield flat._replace(agrees=flat.agrees and last >= CLIPS_MS)
     clipped = (ms for ms in OVER_EXPOSURE.exposures_ms if ms not in at_rest and ms > CLIPS_MS)
-    what, expected = "MTF50 at rest is withheld from", "rises beyond 20 ms: an artefact of clipping"
+    what, expected = "MTF50 at rest is not available from", "rises beyond 20 ms: an artefact of clipping"
     yield within(what, expected, min(clipped, default=math.inf), last, OVER_EXPOSURE.exposures_ms[-1], "ms")
     ms = max((ms for ms in at_rest if ms <= 21), default=min(at_rest))
-    moving = measured.curve(OVER_EXPOSURE, "mtf50_x", ms=ms)
+    moving = measurements.curve(OVER_EXPOSURE, "mtf50_x", ms=ms)
     yield falling(f"MTF50 at {ms:g} ms over DX", "falls with DX", moving, ".3f")
-    yield _over_exposure(measured, "mtf50_x", "MTF50", "cycles/px")
+    yield _over_exposure(measurements, "mtf50_x", "MTF50", "cycles/px")
 
 
-def mtf50_over_speed(measured: Measurements) -> Parts:
+def mtf50_over_speed(measurements: Measurements) -> Parts:
     """Lower with speed, in light in which nothing clips."""
-    found = measured.curve(OVER_SPEED, "mtf50_x", ms=30.0)
-    yield falling("MTF50 over DX at 20 lux", "falls", found, ".4f")
-    lines = {"measured": found}
+    mtf50 = measurements.curve(OVER_SPEED, "mtf50_x", ms=30.0)
+    yield falling("MTF50 over DX at 20 lux", "falls", mtf50, ".4f")
+    lines = {"measured": mtf50}
     yield Figure("MTF50 over speed, 30 ms, 20 lux", "Speed / px/s", "MTF50 / cycles/px", lines)
 
 
-def patch_snr(measured: Measurements) -> Parts:
+def patch_snr(measurements: Measurements) -> Parts:
     """Of an even patch: motion changes nothing."""
-    grey = measured.curve(OVER_EXPOSURE, "patch_snr_dark", ms=30.0)
+    grey = measurements.curve(OVER_EXPOSURE, "patch_snr_dark", ms=30.0)
     yield even("grey at 30 ms over DX", "constant", grey.values(), ".2f", "", EVEN)
-    yield _over_exposure(measured, "patch_snr_dark", "Patch SNR, 18 % grey", "mean by deviation")
+    yield _over_exposure(measurements, "patch_snr_dark", "Patch SNR, 18 % grey", "mean by deviation")
 
 
-def edge_snr(measured: Measurements) -> Parts:
+def edge_snr(measurements: Measurements) -> Parts:
     """Equal over speed at every exposure until the chart clips."""
     below = [ms for ms in OVER_EXPOSURE.exposures_ms if ms <= CLIPS_MS]
-    curves = [measured.curve(OVER_EXPOSURE, "edge_snr_db", ms=ms).values() for ms in below]
+    curves = [measurements.curve(OVER_EXPOSURE, "edge_snr_db", ms=ms).values() for ms in below]
     worst = max(max(levels) - min(levels) for levels in curves)
     yield within("greatest spread over DX below 20 ms", "equal", worst, 0, SPREAD_DB, "dB", ".2f")
-    yield _over_exposure(measured, "edge_snr_db", "Edge SNR", "dB")
+    yield _over_exposure(measurements, "edge_snr_db", "Edge SNR", "dB")
 
 
-def clipping(measured: Measurements) -> Parts:
+def clipping(measurements: Measurements) -> Parts:
     """More light clips earlier, in proportion."""
-    found = {lux: measurement.clips_from_ms(lux) for lux in CLIPPING_LUX}
-    products = [lux * ms for lux, ms in found.items()]
+    clips_ms = {lux: clips_from_ms(lux) for lux in CLIPPING_LUX}
+    products = [lux * ms for lux, ms in clips_ms.items()]
     what, expected = "light times exposure that clips", "the jump comes earlier in more light"
     yield even(what, expected, products, ".0f", "lux ms", EVEN)
-    lines = {"measured": found, "inverse of the light": {lux: products[0] / lux for lux in found}}
+    lines = {"measured": clips_ms, "inverse of the light": {lux: products[0] / lux for lux in clips_ms}}
     yield Figure("Exposure from which the chart clips", "Light / lux", "Exposure / ms", lines)
 
 
-def peaks(metric: str, name: str, unit: str, measured: Measurements) -> Parts:
+def peaks(metric: str, name: str, unit: str, measurements: Measurements) -> Parts:
     """Where a metric peaks over exposure: in a range at rest; lower, and no later, the faster it moves."""
-    curves = [measured.curve(OVER_EXPOSURE, metric, dx=speed) for speed in SPEEDS]
+    curves = [measurements.curve(OVER_EXPOSURE, metric, dx=speed) for speed in SPEEDS]
     places = [max(curve, key=lambda ms: (curve[ms], -ms)) for curve in curves]
     heights = {speed: max(curve.values()) for speed, curve in zip(SPEEDS, curves, strict=True)}
     yield within(f"{name}'s peak at rest", "at 20-30 ms", places[0], *PEAK_MS, "ms")
     lower = falling(f"{name}'s peak over DX", "lower, and earlier, with DX", heights, ".3g")
     agrees = lower.agrees and all(after <= before for before, after in pairwise(places))
-    text = f"{lower.found} px/s; at {', '.join(f'{ms:g}' for ms in places)} ms"
-    yield lower._replace(found=text, rule="height falls, place does not rise", agrees=agrees)
-    yield _over_exposure(measured, metric, name, unit, (20.0, 30.0, "peak at rest"))
+    text = f"{lower.result} px/s; at {', '.join(f'{ms:g}' for ms in places)} ms"
+    yield lower._replace(result=text, rule="height falls, place does not rise", agrees=agrees)
+    yield _over_exposure(measurements, metric, name, unit, (20.0, 30.0, "peak at rest"))
 
 
 def _over_exposure(
-    measured: Measurements, metric: str, name: str, unit: str, published: Range = CLIPS
+    measurements: Measurements, metric: str, name: str, unit: str, published: Range = CLIPS
 ) -> Figure:
     """A metric over exposure, a line for each speed."""
-    lines = {f"{speed:g} px/s": measured.curve(OVER_EXPOSURE, metric, dx=speed) for speed in SPEEDS}
+    lines = {f"{speed:g} px/s": measurements.curve(OVER_EXPOSURE, metric, dx=speed) for speed in SPEEDS}
     return Figure(f"{name} over exposure, 50 lux", "Exposure / ms", f"{name} / {unit}", lines, [published])
 
 
-def detection(measured: Measurements, chain: Chain) -> Parts:
-    """The order of sizes: a larger sign is found in shorter exposures and at higher speeds."""
+def detection(measurements: Measurements, chain: str) -> Parts:
+    """The order of sizes: a larger sign is detected in shorter exposures and at higher speeds."""
     at_rest = Grid(TESTED_MS[chain], (0.0,), chain=chain, sizes_px=SIZES)
     at_30_ms = Grid((30,), FAR_DX, chain=chain, sizes_px=SIZES)
-    rest = {f"{size} px": measured.curve(at_rest, f"{size} px", dx=0.0) for size in SIZES}
-    fast = {f"{size} px": measured.curve(at_30_ms, f"{size} px", ms=30.0) for size in SIZES}
+    rest = {f"{size} px": measurements.curve(at_rest, f"{size} px", dx=0.0) for size in SIZES}
+    fast = {f"{size} px": measurements.curve(at_30_ms, f"{size} px", ms=30.0) for size in SIZES}
     first, lost = list(map(first_held, rest.values())), list(map(first_lost, fast.values()))
     what, expected = "first exposure at rest that finds it", "1 ms (100 px), 5 ms (32 px)"
     yield Check(what, expected, by_size(first, "ms"), "falls with size", rises(first))
     what, expected = "DX that loses it at 30 ms", "about 600 px/s (50 px), 200 px/s (32 px)"
     yield Check(what, expected, by_size(lost, "px/s"), "rises with size", rises([-each for each in lost]))
-    yield Figure("Signs found at rest, 50 lux", "Exposure / ms", "Mean confidence", rest)
+    yield Figure("Signs detected at rest, 50 lux", "Exposure / ms", "Mean confidence", rest)
     lost_at = [(600.0, 600.0, "50 px lost"), (200.0, 200.0, "32 px lost")]
-    yield Figure("Signs found at 30 ms, 50 lux", "Speed / px/s", "Mean confidence", fast, lost_at)
+    yield Figure("Signs detected at 30 ms, 50 lux", "Speed / px/s", "Mean confidence", fast, lost_at)
 
 
-def maps(measured: Measurements, chain: Chain) -> Parts:
+def maps(measurements: Measurements, chain: str) -> Parts:
     """How well metrics rank the conditions of a map by the confidence in a sign of 32 px."""
-    numbers = measured[Grid(*MAP_GRID, **MAP)]
-    confidence = measured[Grid(*MAP_GRID, **MAP, chain=chain, sizes_px=(32,))]
+    numbers = measurements[Grid(*MAP_GRID, **MAP)]
+    confidence = measurements[Grid(*MAP_GRID, **MAP, chain=chain, sizes_px=(32,))]
     nodes = [(float(ms), dx) for ms in MAP_GRID[0] for dx in MAP_GRID[1]]
     known = [node for node in nodes if all(numbers[metric, *node].available for metric in METRICS.values())]
     if len(known) < 3:
-        raise NotRun(f"metrics are withheld at all but {len(known)} of {len(nodes)} conditions")
+        raise NotRun(f"metrics are not available at all but {len(known)} of {len(nodes)} conditions")
     scores = [confidence["32 px", *node].value for node in known]
     rank = {}
     for name, metric in METRICS.items():
@@ -214,7 +204,7 @@ def maps(measured: Measurements, chain: Chain) -> Parts:
     yield Check(what, expected, text, rule, agrees)
 
 
-def reading(measured: Measurements, chain: Chain) -> Parts:
+def reading(measurements: Measurements, chain: str) -> Parts:
     """The exposures from which, and to which, STOP is read."""
     lines: dict[str, Curve] = {}
     published = []
@@ -222,7 +212,7 @@ def reading(measured: Measurements, chain: Chain) -> Parts:
         exposures_ms = tested_ms if chain == "paper" else READ_BESIDE_MS
         of = Grid(exposures_ms, (dx,), chain=chain, sizes_px=(size,), read=True)
         label = f"{size} px, DX {dx:g}"
-        lines[label] = curve = measured.curve(of, f"{size} px", dx=dx)
+        lines[label] = curve = measurements.curve(of, f"{size} px", dx=dx)
         published.append((stop_ms, stop_ms, label))
         if start_ms is not None:
             low, high = start_ms / FROM_FACTOR, start_ms * FROM_FACTOR
@@ -232,10 +222,10 @@ def reading(measured: Measurements, chain: Chain) -> Parts:
     yield Figure("STOP read to, 50 lux", "Exposure / ms", "Least confidence", lines, published)
 
 
-def reading_over_speed(measured: Measurements, chain: Chain) -> Parts:
+def reading_over_speed(measurements: Measurements, chain: str) -> Parts:
     """The speeds at which STOP is read at 30 ms; those beside the paper's in the list of speeds agree, too."""
     of = Grid((30,), READ_DX, chain=chain, sizes_px=(100, 32), read=True)
-    curves = {size: measured.curve(of, size, ms=30.0) for size in ("100 px", "32 px")}
+    curves = {size: measurements.curve(of, size, ms=30.0) for size in ("100 px", "32 px")}
     yield within("32 px: fails by", "100 px/s", first_lost(curves["32 px"]), 50, 200, "px/s")
     yield within("100 px: reads to", "350 px/s", last_held(curves["100 px"]), 200, 500, "px/s")
     published = [(100.0, 100.0, "32 px fails by"), (350.0, 350.0, "100 px reads to")]
@@ -285,7 +275,7 @@ ITEMS = (
     Item("clipping", "Where edge SNR jumps", "Figure 17", f"{_EDGE}, 20 to 200 lux, at rest", clipping),
     Item("sic", "Shannon information capacity", "Figure 18", _BOTH, _SIC),
     Item("neq", "Noise equivalent quanta", "Figure 19", _BOTH, _NEQ),
-    Item("detection", "Signs found", "Figures 22, 23", _FOUND, detection, "paper"),
+    Item("detection", "Signs detected", "Figures 22, 23", _FOUND, detection, "paper"),
     Item("maps", "Performance maps", "Figures 24-29", "sign of 32 px, imx250, 1 lux", maps, "camera"),
     Item("ocr", "STOP read over exposure", "Figure 30", _READ, reading, "paper"),
     Item("ocr-dx", "STOP read over speed", "Figure 31", f"{_READ}; 30 ms", reading_over_speed, "paper"),
@@ -302,10 +292,3 @@ NOT_COMPARED = {
     "Figures 30, 31, the confidences": "another version of PP-OCR; only where STOP is read is compared",
 }
 """Parts of the paper that cannot be compared, and why."""
-
-
-def chosen(names: Sequence[str]) -> tuple[Item, ...]:
-    """The items of these names, in the table's order; all for none. Raises ``ValueError`` that lists them."""
-    if unknown := set(names) - {item.name for item in ITEMS}:
-        raise ValueError(f"only = {min(unknown)!r}: must be one of {', '.join(item.name for item in ITEMS)}")
-    return tuple(item for item in ITEMS if item.name in names or not names)

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import pytest
-from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.question import Question
-from blurnoise_eval.run.refining import STOPS
-from blurnoise_eval.run.run import asked
+from blurnoise_eval.run.evaluation import evaluate
+from blurnoise_eval.run.refine import STOPS
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import PictureFacts, Store
 from plans import plan as swept_plan
 from signs_in_memory import CAMERA, picture, picture_set
@@ -88,7 +88,7 @@ def refined(detector, tmp_path_factory):
 def rows(run):
     with Store(run.folder) as store:
         found = [(cell["cell_id"], cell["image"], cell["exposure_s"]) for cell in store.cells()]
-        return [sorted(found, key=repr), asked(store)]
+        return [sorted(found, key=repr), Run.open(run.folder).setup.batches]
 
 
 def test_every_end_lies_in_its_interval(refined):
