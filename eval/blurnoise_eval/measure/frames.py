@@ -17,10 +17,10 @@ import torch
 
 from blurnoise._core import rng
 from blurnoise._core.checks import integer
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PLANES
+from blurnoise.camera.radiometry import dark_electrons
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PLANES
-from blurnoise.optics.radiometry import dark_electrons
 from blurnoise.sensor.readout import read_out
 from blurnoise_eval.calibration import fit, to_camera
 from blurnoise_eval.calibration.checks import CLIPPED
@@ -93,7 +93,7 @@ class Validation:
     def _dim(self) -> set[str]:
         """Flat levels whose relative errors say little about the camera."""
         flat = [pair for pair in self.pairs if pair.kind == "flat"]
-        signal = {pair.name: pair.real.mean_dn - self.camera.black_level_dn for pair in flat}
+        signal = {pair.name: pair.real.mean_dn - self.camera.sensor.black_level_dn for pair in flat}
         brightest = max(signal.values(), default=0.0)
         return {name for name, level in signal.items() if level < _DIM * brightest}
 
@@ -156,8 +156,10 @@ def validate(
         camera = to_camera.camera_of(fitted, "fitted on every other level", base=base)
         lit = half.flat
     else:
-        unlike = f"camera = {camera.name}: has the colour filters {camera.cfa}, but the frames have none"
-        mono = files.place is None and camera.cfa not in PLANES
+        unlike = (
+            f"camera = {camera.name}: has the colour filters {camera.sensor.cfa}, but the frames have none"
+        )
+        mono = files.place is None and camera.sensor.cfa not in PLANES
         refuse(mono, f"{unlike}; use another camera, or set --cfa")
         camera = _at_gain(camera, lowest_db)
     light = _LightLine(camera, [(frames[0], _frames(files, frames)) for frames in lit])
@@ -168,7 +170,7 @@ def validate(
     for level in levels:
         first, planes = level[0], _frames(files, level)
         name = f"{first.kind} {first.exposure_s * 1e3:g} ms"
-        if (planes >= camera.clip_dn).mean() > CLIPPED:
+        if (planes >= camera.sensor.clip_dn).mean() > CLIPPED:
             notes.append(f"{name}: is clipped and not compared")
             continue
         real = FrameStack(planes)
@@ -209,7 +211,7 @@ def _separation(pairs: Sequence[LevelPair], seed: int) -> tuple[Estimate, Estima
 def _at_gain(camera: Camera, lowest_db: float) -> Camera:
     """The camera at the gain of the frames, which counts from the lowest gain that the camera was measured at."""
     zero_db = to_camera.lowest_gain_db(camera)
-    highest_db = zero_db + camera.analogue_gain_max_db
+    highest_db = zero_db + camera.sensor.analogue_gain_max_db
     refuse(
         not zero_db <= lowest_db <= highest_db,
         f"frames: gain_db = {lowest_db:g}; must be {zero_db:g} to {highest_db:g} for the camera {camera.name}",
@@ -245,7 +247,7 @@ class _LightLine:
         known = [
             (self._x(frame), self._measured(frame, float(planes.mean())))
             for frame, planes in levels
-            if (planes >= camera.clip_dn).mean() <= CLIPPED
+            if (planes >= camera.sensor.clip_dn).mean() <= CLIPPED
         ]
         x, electrons = np.array(known).T if known else np.empty((2, 0))
         used = electrons > 0
@@ -270,8 +272,8 @@ class _LightLine:
     def _measured(self, frame: Frame, mean_dn: float) -> float:
         """Electrons of a mean, without black level and dark charge."""
         camera = self._camera
-        charge = (mean_dn - camera.black_level_dn) / camera.system_gain_dn_per_e
-        return charge - dark_electrons(camera, frame.exposure_s, camera.dark_reference_c)
+        charge = (mean_dn - camera.sensor.black_level_dn) / camera.sensor.system_gain_dn_per_e
+        return charge - dark_electrons(camera, frame.exposure_s, camera.sensor.dark_reference_c)
 
 
 def _simulated(camera: Camera, frame: Frame, real: FrameStack, light: _LightLine, seed: int) -> Floats:
@@ -279,8 +281,8 @@ def _simulated(camera: Camera, frame: Frame, real: FrameStack, light: _LightLine
     electrons = light.electrons(frame, real.mean_dn)
     shading = np.ones_like(real.mean)
     if electrons:
-        charge = dark_electrons(camera, frame.exposure_s, camera.dark_reference_c)
-        dark_dn = camera.black_level_dn + camera.system_gain_dn_per_e * charge
+        charge = dark_electrons(camera, frame.exposure_s, camera.sensor.dark_reference_c)
+        dark_dn = camera.sensor.black_level_dn + camera.sensor.system_gain_dn_per_e * charge
         shading = np.maximum(real.surface - dark_dn, 0.0)
         shading = shading / shading.mean()
     scene = torch.from_numpy(electrons * shading).float().expand(len(real.frame_means), 1, -1, -1)
@@ -289,8 +291,8 @@ def _simulated(camera: Camera, frame: Frame, real: FrameStack, light: _LightLine
         scene,
         camera,
         exposure_s=frame.exposure_s,
-        temperature_c=camera.dark_reference_c,
-        fixed_pattern=camera.fixed_pattern((1, *real.mean.shape), seed),
+        temperature_c=camera.sensor.dark_reference_c,
+        fixed_pattern=camera.sensor.fixed_pattern((1, *real.mean.shape), seed),
         generator=torch.Generator().manual_seed(stream),
         fidelity="full",
     )
@@ -314,8 +316,8 @@ class _Uncertainty:
 
     def of(self, simulated: FrameStack, kind: str) -> dict[str, float]:
         """Standard errors at a level, on the scales of the differences, by the name of the statistic."""
-        gain, mean_dn = self.camera.system_gain_dn_per_e, max(simulated.mean_dn, 1e-9)
-        signal = max(0.0, mean_dn - self.camera.black_level_dn)
+        gain, mean_dn = self.camera.sensor.system_gain_dn_per_e, max(simulated.mean_dn, 1e-9)
+        signal = max(0.0, mean_dn - self.camera.sensor.black_level_dn)
         variance = float((simulated.noise**2).mean())
         errors = {"mean": self._of_mean(simulated, signal, mean_dn, kind)}
         if variance:
@@ -331,12 +333,12 @@ class _Uncertainty:
 
     def _of_mean(self, simulated: FrameStack, signal: float, mean_dn: float, kind: str) -> float:
         """Relative standard error of the mean."""
-        camera, (height, width) = self.camera, simulated.mean.shape
-        drift = math.hypot(self.dark_scatter_dn, camera.black_level_drift_dn)
+        sensor, (height, width) = self.camera.sensor, simulated.mean.shape
+        drift = math.hypot(self.dark_scatter_dn, sensor.black_level_drift_dn)
         drift /= math.sqrt(len(simulated.frame_means))
-        gain = camera.system_gain_dn_per_e
-        rows = math.hypot(gain * camera.dsnu_row_e, signal * camera.prnu_row) / math.sqrt(height)
-        columns = math.hypot(gain * camera.dsnu_column_e, signal * camera.prnu_column) / math.sqrt(width)
+        gain = sensor.system_gain_dn_per_e
+        rows = math.hypot(gain * sensor.dsnu_row_e, signal * sensor.prnu_row) / math.sqrt(height)
+        columns = math.hypot(gain * sensor.dsnu_column_e, signal * sensor.prnu_column) / math.sqrt(width)
         pattern = math.sqrt(2) * math.hypot(rows, columns)  # of the real and of the simulated frames
         black_dn = 0.0
         if self.fitted is not None:
@@ -349,7 +351,7 @@ class _Uncertainty:
         """Standard error of the variance of row (column) noise, electrons squared, and of its fit."""
         name, count = f"{lines}_noise_e", simulated.mean.shape[lines == "column"]
         pairs = len(simulated.frame_means) // 2
-        noise_e: float = getattr(self.camera, name)
+        noise_e = float(self.camera.figure(name))
         sampled = math.sqrt(2) * math.sqrt(2 / (pairs * count)) * noise_e**2
         if self.fitted is None or name not in self.fitted.estimates:
             return sampled

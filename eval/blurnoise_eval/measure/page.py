@@ -72,7 +72,7 @@ def _middle(picture: Floats) -> Floats:
 def draw_transfer(validation: Validation) -> Figure:
     """Variance over mean of both, and the differences of variances and of means with their intervals."""
     figure, (transfer, *panels) = small_multiples(3, 3, (4.2, 3.4), (0.0, 0.3))
-    black = validation.camera.black_level_dn
+    black = validation.camera.sensor.black_level_dn
     for kind, marker in (("dark", "s"), ("flat", "o")):
         means, variances = (validation.of(kind, name) for name in ("mean", "variance"))
         if not means:

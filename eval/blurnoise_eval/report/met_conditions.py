@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.plan.axes import AXES, EGO, EGO_SPEED, GAIN, SETTING, SPEED, named
 from blurnoise_eval.plan.conditions import with_lens
 from blurnoise_eval.system.tables import plain

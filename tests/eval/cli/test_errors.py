@@ -10,7 +10,7 @@ from commands import main
 
 from blurnoise import charts
 from blurnoise._core.checks import OutOfRange
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 
 Output = pytest.CaptureFixture[str]
 

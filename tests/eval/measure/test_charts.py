@@ -13,9 +13,9 @@ from closed_edges import closed_mtf, closed_mtf50
 from plans import plan as swept
 
 from blurnoise import Camera
+from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.metrics import information
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.radiometry import photoelectrons
 
 CAMERA = Camera.preset("imx250")
 LUX = 50.0
@@ -63,9 +63,9 @@ def electrons(exposure_s, reflectance):
 
 def noise_e2(exposure_s, reflectance):
     """Temporal and spatial variance of a patch, electrons squared (EMVA 1288)."""
-    signal, gain = electrons(exposure_s, reflectance), CAMERA.system_gain_dn_per_e
-    dark = CAMERA.dark_variance_dn2(CAMERA.dark_current_e_s * exposure_s) / gain**2
-    return signal + dark + CAMERA.dsnu_e**2 + (CAMERA.prnu * signal) ** 2
+    signal, gain = electrons(exposure_s, reflectance), CAMERA.sensor.system_gain_dn_per_e
+    dark = CAMERA.sensor.dark_variance_dn2(CAMERA.sensor.dark_current_e_s * exposure_s) / gain**2
+    return signal + dark + CAMERA.sensor.dsnu_e**2 + (CAMERA.sensor.prnu * signal) ** 2
 
 
 # --- the physics ------------------------------------------------------------

@@ -20,8 +20,8 @@ from blurnoise import Camera
 from blurnoise.metrics.values import Estimate
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "real" / "emva_ccd"
-CAMERA = replace(
-    Camera.preset("imx250m"), cfa="none", system_gain_dn_per_e=0.5, read_noise_e=5.0, row_noise_e=0.0,
+CAMERA = Camera.preset("imx250m").with_figures(
+    cfa="none", system_gain_dn_per_e=0.5, read_noise_e=5.0, row_noise_e=0.0,
     column_noise_e=0.0, prnu=0.006, prnu_row=0.0, prnu_column=0.0, dsnu_e=3.0, dsnu_row_e=0.0, dsnu_column_e=0.0,
     dark_current_e_s=0.0, black_level_dn=40.0, full_well_e=8000.0, black_level_drift_dn=0.0, quantum_efficiency=0.5,
 )  # fmt: skip
@@ -39,21 +39,23 @@ def folder(
         parts = (pixel, (height, width)), (row, (height, 1)), (column, (1, width))
         return sum((sigma * random.standard_normal(shape) for sigma, shape in parts), np.zeros(size))
 
-    response = 1 + normal(camera.prnu, camera.prnu_row, camera.prnu_column)
+    response = 1 + normal(camera.sensor.prnu, camera.sensor.prnu_row, camera.sensor.prnu_column)
     response *= np.tile(np.reshape(site, (2, 2)), (size[0] // 2, size[1] // 2))
-    offset = normal(camera.dsnu_e, camera.dsnu_row_e, camera.dsnu_column_e)
+    offset = normal(camera.sensor.dsnu_e, camera.sensor.dsnu_row_e, camera.sensor.dsnu_column_e)
     path.mkdir()
     lines = ["file,kind,exposure_s,gain_db" + ",photons_per_px" * photons]
     for number, share in enumerate((0.0, 0.0, *SHARES[:levels])):
         exposure_s = 0.02 * share if share else 0.001 * (1 + number)
         for frame in range(2):
-            charge = random.poisson(share * camera.full_well_e * np.maximum(response, 0.0))
-            noise = normal(camera.read_noise_e, camera.row_noise_e, camera.column_noise_e)
-            dn = camera.system_gain_dn_per_e * (charge + offset + noise) + camera.black_level_dn
+            charge = random.poisson(share * camera.sensor.full_well_e * np.maximum(response, 0.0))
+            noise = normal(
+                camera.sensor.read_noise_e, camera.sensor.row_noise_e, camera.sensor.column_noise_e
+            )
+            dn = camera.sensor.system_gain_dn_per_e * (charge + offset + noise) + camera.sensor.black_level_dn
             plane = np.clip(np.round(dn), 0, 4095).astype("<u2")
             name = f"{number}_{frame}.{kind}"
             np.save(path / name, plane) if kind == "npy" else plane.tofile(path / name)
-            light = f",{2 * share * camera.full_well_e if share else ''}" * photons
+            light = f",{2 * share * camera.sensor.full_well_e if share else ''}" * photons
             lines.append(f"{name},{'flat' if share else 'dark'},{exposure_s:.6f},{gain_db}{light}")
     (path / "frames.csv").write_text("\n".join(lines))
     return path
@@ -76,7 +78,7 @@ def differing(validation):
 def test_frames_of_the_same_law_agree_but_for_chance(tmp_path, whole, size, count):
     """At most one validation of 20 is to find a difference: of 16, 4 or more once in 140, of 30, 6 or more once in
     300. Each has over a hundred comparisons."""
-    camera, wrong = replace(CAMERA, **whole), 0
+    camera, wrong = CAMERA.with_figures(**whole), 0
     for seed in range(count):
         made = folder(tmp_path / f"{seed}", camera, seed=seed, size=size, photons=not whole)
         validation = frames.validate(made, camera, seed=1000 + seed)
@@ -87,8 +89,8 @@ def test_frames_of_the_same_law_agree_but_for_chance(tmp_path, whole, size, coun
 
 def test_rows_that_the_simulator_lacks_differ(tmp_path):
     """Of 16 % of the read noise: row means of 256 px in the dark vary by 1 + 256 .16^2 = 7.6 of white noise."""
-    row_noise_e = 0.16 * CAMERA.read_noise_e
-    made = folder(tmp_path / "frames", replace(CAMERA, row_noise_e=row_noise_e), seed=1, size=(256, 256))
+    row_noise_e = 0.16 * CAMERA.sensor.read_noise_e
+    made = folder(tmp_path / "frames", CAMERA.with_figures(row_noise_e=row_noise_e), seed=1, size=(256, 256))
     validation = frames.validate(made, CAMERA)
     rows = validation.of("dark", "rows")
     assert all(each.verdict == DIFFERS for each in rows)
@@ -98,12 +100,12 @@ def test_rows_that_the_simulator_lacks_differ(tmp_path):
         assert all(each.verdict != DIFFERS for each in validation.of("dark", name)), name
     assert "on dark frames" in validation.answer
     assert "rows in time (2 of 2)" in validation.answer
-    simulated = frames.validate(made, replace(CAMERA, row_noise_e=row_noise_e))
+    simulated = frames.validate(made, CAMERA.with_figures(row_noise_e=row_noise_e))
     assert all(each.verdict != DIFFERS for each in simulated.of("dark", "rows"))
 
 
 def test_wrong_figures_differ(tmp_path):
-    wrong = replace(CAMERA, read_noise_e=6.0, system_gain_dn_per_e=0.55)
+    wrong = CAMERA.with_figures(read_noise_e=6.0, system_gain_dn_per_e=0.55)
     validation = frames.validate(folder(tmp_path / "frames", seed=2, size=(256, 256)), wrong)
     dark, flat = (validation.of(kind, "variance") for kind in ("dark", "flat"))
     of_dark = ((5 * 0.5) ** 2 + 1 / 12) / ((6 * 0.55) ** 2 + 1 / 12) - 1
@@ -137,7 +139,7 @@ def test_octaves_leave_whole_rows_and_columns_out(name):
 
 def test_mean_is_as_uncertain_as_few_rows_and_columns(tmp_path):
     """Of 96 columns of 6 e- the mean varies by 6 / sqrt 96, of 64 rows of 4 e- by 4 / 8; in both, by sqrt 2 more."""
-    camera = replace(CAMERA, dsnu_row_e=4.0, dsnu_column_e=6.0)
+    camera = CAMERA.with_figures(dsnu_row_e=4.0, dsnu_column_e=6.0)
     validation = frames.validate(folder(tmp_path / "frames", camera), camera)
     half = 1.96 * 0.5 * math.sqrt(2 * (6**2 / 96 + 4**2 / 64)) / 40
     for each in validation.of("dark", "mean"):
@@ -153,7 +155,7 @@ def test_camera_counts_gains_as_its_fit_did(tmp_path):
     camera = Camera.load(tmp_path / "mine.yaml")
     assert to_camera.lowest_gain_db(camera) == 6.0
     used = frames.validate(made, camera).camera
-    assert used.system_gain_dn_per_e == pytest.approx(fitted.system_gain_dn_per_e)
+    assert used.sensor.system_gain_dn_per_e == pytest.approx(fitted.sensor.system_gain_dn_per_e)
     assert frames._at_gain(camera, 12.0) == camera.at_gain(6.0).camera
     assert (
         frames._at_gain(CAMERA, 6.0) == CAMERA.at_gain(6.0).camera
@@ -191,7 +193,7 @@ def test_green_pixels_of_a_mosaic_are_compared(tmp_path):
     """With those of a camera whose mosaic the frames have, too: of 32 x 48 px, 16 x 24."""
     made = folder(tmp_path / "frames", size=(32, 48), site=(0.6, 1.0, 1.0, 0.5))
     colour = Camera.preset("imx250c")
-    camera = replace(CAMERA, cfa=colour.cfa, quantum_efficiency=colour.quantum_efficiency)
+    camera = CAMERA.with_figures(cfa=colour.sensor.cfa, quantum_efficiency=colour.sensor.quantum_efficiency)
     validation = frames.validate(made, camera, cfa="RGGB")
     assert validation.pairs[0].real.frames.shape == (2, 16, 24)
     assert not differing(validation)

@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -15,7 +14,7 @@ from blurnoise_eval.measure.pictures import compare, linear_pair
 from blurnoise import Camera, charts
 from blurnoise.sensor.readout import read_out
 
-CAMERA = replace(Camera.preset("imx250"), black_level_dn=20.0)
+CAMERA = Camera.preset("imx250").with_figures(black_level_dn=20.0)
 SIZE = (257, 320)
 X = Measure("x", "x")
 
@@ -79,9 +78,9 @@ def test_texture_allows_no_verdict():
 
 def test_noise_is_that_of_the_camera():
     """Levels of 250 squares of 16 x 16 px: a deviation to 0.3 %; the squares on the edge are left out."""
-    gain = CAMERA.system_gain_dn_per_e
+    gain = CAMERA.sensor.system_gain_dn_per_e
     for level, reflectance in zip(of(comparisons(picture(0), picture(1)), "noise"), (0.1, 0.8), strict=True):
-        expected = gain * np.sqrt(5000 * reflectance + CAMERA.dark_variance_dn2() / gain**2)
+        expected = gain * np.sqrt(5000 * reflectance + CAMERA.sensor.dark_variance_dn2() / gain**2)
         assert level.simulated == pytest.approx(expected, rel=0.02)
         assert level.real == pytest.approx(expected, rel=0.02)
 
@@ -94,7 +93,7 @@ def test_what_differs_is_named():
     assert all(each.difference.high < 0 for kind in ("mean", "noise") for each in of(darker, kind))
     blurred = comparisons(picture(1, blur=1.0), simulated)
     assert verdicts(blurred, "mean", "mtf50") == [{AGREES}, {DIFFERS}]
-    noisier = comparisons(picture(1, camera=replace(CAMERA, read_noise_e=30.0)), simulated)
+    noisier = comparisons(picture(1, camera=CAMERA.with_figures(read_noise_e=30.0)), simulated)
     assert of(noisier, "noise")[0].difference.low > 0.1
     assert verdicts(noisier, "mean") == [{AGREES}]
 

@@ -118,7 +118,7 @@ def test_every_part_of_a_run_is_in_its_identity(cut, detector, tmp_path):
         (one,) = shown.pictures
         for named, changes in (
             ("model", {"model": other}),
-            ("camera", {"camera": replace(CAMERA, f_number=2.0)}),
+            ("camera", {"camera": CAMERA.with_figures(f_number=2.0)}),
             ("plan", {"plan": replace(CUTTING, seed=1)}),
             ("pictures", {"pictures": replace(shown, pictures=(replace(one, name="b.png"),))}),
             ("choice of targets", {"pictures": replace(shown, pictures=(replace(one, targets=None),))}),
