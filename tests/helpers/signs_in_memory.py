@@ -14,7 +14,7 @@ from blurnoise_eval.store.store import Store
 from plans import plan as swept
 
 from blurnoise import Camera, charts
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
 SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64

@@ -21,7 +21,7 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import Figure, in_range, limited, one_of
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.run.search_space import exposures_on
 
@@ -266,7 +266,7 @@ def mean_light(gains: Iterable[tuple[str, float, float, float]], camera: Camera)
     white_lux_s = Metering(camera, 1.0).total_s(1.0)
     logs_by_image: dict[str, list[float]] = {}
     for image, illuminance_lux, exposure_s, gain_db in gains:
-        if _AT_LIMIT_DB < gain_db < camera.gain_max_db - _AT_LIMIT_DB:
+        if _AT_LIMIT_DB < gain_db < camera.sensor.gain_max_db - _AT_LIMIT_DB:
             total = illuminance_lux * exposure_s * 10 ** (gain_db / 20)
             logs_by_image.setdefault(image, []).append(math.log(white_lux_s / total))
     # the median, as other conditions of a picture may saturate or be mostly dark charge

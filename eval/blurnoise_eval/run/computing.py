@@ -11,7 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.plan.conditions import SweepPlan

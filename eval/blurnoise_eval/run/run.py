@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.answers.clusters import check_cluster
 from blurnoise_eval.answers.criterion import Criterion, criterion_for
 from blurnoise_eval.answers.recommendation import Averages

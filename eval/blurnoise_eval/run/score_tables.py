@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.picture.develop import tones_8bit
 from blurnoise_eval.answers.clusters import cluster_of
 from blurnoise_eval.answers.criterion import PRECISIONS, Criterion
@@ -210,8 +210,8 @@ def run_averages(
 
 def dark_below(camera: Camera) -> float:
     """Mean brightness, 0-1, of a picture at half of the level that auto-exposure aims at."""
-    black = camera.black_level_dn
-    place = round(black + _DARK * (camera.full_scale_dn - black))
+    black = camera.sensor.black_level_dn
+    place = round(black + _DARK * (camera.sensor.full_scale_dn - black))
     return int(tones_8bit(camera)[place]) / 255
 
 

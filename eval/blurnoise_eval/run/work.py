@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PictureTone
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
 from blurnoise_eval.datasets.likeness import look
@@ -141,7 +141,7 @@ class PreparedPicture(NamedTuple):
         """Raises ``UnreadablePicture``."""
         image = picture.load()
         height, width = image.shape[:2]
-        if work.camera.cfa not in ("none", "mono") and min(height, width) < 2:
+        if work.camera.sensor.cfa not in ("none", "mono") and min(height, width) < 2:
             raise UnreadablePicture(
                 f"{picture.name}: {width} x {height} px; must be at least 2 x 2 for a camera with a mosaic"
             )

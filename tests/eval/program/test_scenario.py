@@ -89,7 +89,7 @@ def test_time_and_gain_make_the_total():
         gain = 10 ** (metering.gain_db(10.0, time_s) / 20)
         assert gain * time_s == pytest.approx(total_s, rel=2e-3)  # dark charge
     assert metering.gain_db(10.0, 10.0) == 0.0
-    assert metering.gain_db(10.0, 1e-6) == CAMERA.gain_max_db
+    assert metering.gain_db(10.0, 1e-6) == CAMERA.sensor.gain_max_db
 
 
 def test_mean_light_follows_from_gains():

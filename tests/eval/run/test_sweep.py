@@ -36,8 +36,8 @@ from blurnoise.picture.develop import develop_8bit
 from blurnoise.scene import scene
 from blurnoise.sensor import readout as sensor
 
-EVERY_EFFECT = replace(
-    CAMERA, name="every effect", prnu=0.02, dsnu_e=3.0, dark_current_e_s=400.0, dark_reference_c=20.0,
+EVERY_EFFECT = CAMERA.with_figures(
+    name="every effect", prnu=0.02, dsnu_e=3.0, dark_current_e_s=400.0, dark_reference_c=20.0,
     read_noise_e=0.6,  # below 1 e- counts are drawn one by one
     dark_doubling_c=7.0, defocus_radius_px=1.2,
 )  # fmt: skip
