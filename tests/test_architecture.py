@@ -25,7 +25,7 @@ LONGEST_LINES = 450
 FLOORS: dict[str, list[set[str]]] = {
     "blurnoise": [
         {"_core", "charts", "metrics"},
-        {"optics"},
+        {"camera"},
         {"motion"},
         {"blur"},
         {"light"},

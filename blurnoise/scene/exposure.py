@@ -14,14 +14,14 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import an_instance, boxes, finite, integer, limited, one_of, picture_size, shown
+from blurnoise.camera.camera import Amplified, Camera
+from blurnoise.camera.lens import pixels
+from blurnoise.camera.spectra import Floats
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Amplified, Camera
-from blurnoise.optics.lens import pixels
-from blurnoise.optics.spectra import Floats
 
 Moves = Literal["all", "targets", "background"]
 MOVES: tuple[Moves, ...] = get_args(Moves)
@@ -129,12 +129,12 @@ class Exposure:
             moved = torch.from_numpy(flow.T).to(moved)
         return (moved * self.exposure_s).to(places)
 
-    def of_targets(self, speed: float = 1.0, own_px_s: tuple[float, float] = (0.0, 0.0)) -> Exposure:
-        """The exposure for a target that moves at ``speed`` times the velocity, plus its own velocity."""
+    def of_targets(self, speed: float = 1.0) -> Exposure:
+        """The exposure for a target that moves at ``speed`` times the velocity."""
         if self.moves == "all":
             return self
         share = {"targets": speed, "background": 1.0 - speed}[self.moves]
-        x, y = (share * along + own for along, own in zip(self.velocity_px_s, own_px_s, strict=True))
+        x, y = (share * along + 0.0 for along in self.velocity_px_s)
         return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None, *, swept: bool) -> Tensor:
@@ -149,7 +149,9 @@ class Exposure:
         nine = across[:, :, None].expand(-1, -1, 3), down[:, None].expand(-1, 3, -1)
         places = torch.stack(nine, -1).view(-1, 2)
         moved = self.displacements_px(places, size)
-        if self.trajectory is None and not self.camera.row_time_s:  # all at once, behind the distortion
+        if (
+            self.trajectory is None and not self.camera.sensor.row_time_s
+        ):  # all at once, behind the distortion
             half = moved.abs() / 2 * swept
             each = effects.moved_boxes(places.repeat(1, 2), at, swept=swept) + torch.cat([-half, half], 1)
         else:

@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from blurnoise.optics.camera import PRESETS, Camera
+from blurnoise.camera import PRESETS, Camera
 from blurnoise_eval.datasets import Picture, read_picture, rendered_signs
 from blurnoise_eval.default_camera import default_camera, is_grey
 from blurnoise_eval.detectors.detector import Detector

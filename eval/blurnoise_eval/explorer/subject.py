@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from torch.nn.functional import avg_pool2d
 
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import srgb_from_linear
+from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.light.conditions import middle_of
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.scene.exposure import Exposure
 from blurnoise_eval.answers.criterion import CONFIDENCE, KEPT, Criterion
 from blurnoise_eval.datasets import Picture
@@ -87,10 +87,10 @@ class Subject:
         if at[EGO.name] or at[MOVES.name] or self.scene.lamps is not None:
             raise ValueError("preview: needs one motion of the whole picture, and no lamps")
         slower = {name: (at[name] or 0.0) / n for name in VELOCITY}
-        defocus_px = at.exposure(camera).camera.defocus_radius_px / n
+        defocus_px = at.exposure(camera).camera.lens.defocus_radius_px / n
         shrunk = Conditions(**{**at, **slower, "defocus_radius_px": defocus_px})
         # n times fewer rows are read in the time of all, so that a rolling shutter bends the picture as much
-        slow_rows = replace(camera, row_time_s=n * camera.row_time_s)
+        slow_rows = camera.with_figures(row_time_s=n * camera.sensor.row_time_s)
         return next(frames(self.small, [Cell("preview", 0, shrunk, state.seed or 0)], slow_rows)).image
 
     def rendered(self, frame: Frame, model: Detector | None) -> Rendered:
@@ -141,8 +141,8 @@ class Found:
     def _drawn(self, output: ModelOutput) -> list[dict[str, Any]]:
         """Boxes (left, top, right, bottom), px, with kind and text: targets "found" and "missed" with their
         confidence, and "other" detections."""
-        targets = sorted(output.targets, key=lambda row: -row["width_px"] * row["height_px"])[:MOST_BOXES]
-        boxes_xyxy = [[row["x0"], row["y0"], row["x1"], row["y1"]] for row in targets]
+        targets = sorted(output.targets, key=lambda row: -row.width_px * row.height_px)[:MOST_BOXES]
+        boxes_xyxy = [row.box_xyxy for row in targets]
         detections = output.detections.leading
         drawn = []
         for box, score, class_id in zip(
@@ -156,8 +156,8 @@ class Found:
                 drawn.append({"box": box, "kind": "other", "text": text})
         del drawn[MOST_BOXES:]
         for row, box in zip(targets, boxes_xyxy, strict=True):
-            kind = "found" if row["confidence"] >= FOUND_SCORE else "missed"
-            drawn.append({"box": box, "kind": kind, "text": f"{row['confidence']:.2f}"})
+            kind = "found" if row.confidence >= FOUND_SCORE else "missed"
+            drawn.append({"box": box, "kind": kind, "text": f"{row.confidence:.2f}"})
         return drawn
 
 
@@ -195,7 +195,7 @@ class Rendered:
         white_e = photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s)
         return {
             "white_electrons": ("White", white_e, "e-"),
-            "saturation_electrons": ("Saturation", camera.saturation_e, "e-"),
+            "saturation_electrons": ("Saturation", camera.sensor.saturation_e, "e-"),
             "snr_db": ("SNR at 18 % grey", snr_db(exposure, _GREY), "dB"),
             "exposure_ms": ("Exposure", 1e3 * exposure.exposure_s, "ms"),
             "gain_db": ("Gain", exposure.gain_db, "dB"),

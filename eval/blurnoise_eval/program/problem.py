@@ -227,7 +227,7 @@ class Problem:
         return Schedule(
             exposures_s=tuple(map(float, exposures_s)),
             gains_db=gains_db,
-            lacks_gain=tuple(gain_db >= metering.camera.gain_max_db for gain_db in gains_db),
+            lacks_gain=tuple(gain_db >= metering.camera.sensor.gain_max_db for gain_db in gains_db),
             values=tuple(map(finite, values)),
             value=finite(values.mean()),
             worst_speed=finite(of_speeds.min()),

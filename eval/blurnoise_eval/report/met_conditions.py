@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.plan.axes import AXES, EGO, EGO_SPEED, GAIN, SETTING, SPEED, named
 from blurnoise_eval.plan.conditions import with_lens
 from blurnoise_eval.system.tables import plain
@@ -49,7 +49,7 @@ def met_conditions(
     return {
         "cameras": [each.to_dict() for each in cameras],
         "auto_exposure": plan.get("auto_exposure"),
-        "speeds": objects.get("speeds") or objects.get("crossings"),
+        "speeds": objects.get("speeds"),
         **{name: plan.get(name) for name in ("trajectory", "ego", "grey_anchor", "picture_tone")},
         **{name: plan[name] for name in ("lamps", "hdr_white") if name in plan},
         "conditions": [{**dict(each), "saturated": share} for each, share in conditions.items()],

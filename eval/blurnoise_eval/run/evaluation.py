@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise._core.checks import one_of
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.answers.clusters import check_cluster
 from blurnoise_eval.answers.criterion import criterion_for

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from blurnoise._core.writing import remove_made
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, sample
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector

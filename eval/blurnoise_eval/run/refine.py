@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.answers.curves import Row
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import MOST_COMMON

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.plan.conditions import Conditions, SweepPlan

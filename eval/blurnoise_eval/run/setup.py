@@ -13,7 +13,7 @@ from functools import cached_property
 from operator import itemgetter
 from typing import Any
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.scene.scene import Exposure
 from blurnoise_eval.plan.axes import AUTOMATIC, EXPOSURE, NAMES, axis
 from blurnoise_eval.plan.conditions import Conditions, SweepPlan

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.plan.conditions import SweepPlan
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search_space import SearchSpace

@@ -18,7 +18,7 @@ from blurnoise_eval.run.run import Run
 from commands import main, told
 from signs_in_memory import matched_detector, sign
 
-from blurnoise.optics.camera import PRESETS, Camera
+from blurnoise.camera import PRESETS, Camera
 
 CROSSING = "motion --speed-kmh 100 --distance-m 50 --target-width-m 4.9 --exposure-ms 15"
 DECIDED = "--exposure-ms 8:32 --lux 1,2,5,20 --dx 0,100,200 --gain 0 --keep 0.8"

@@ -105,7 +105,7 @@ def test_ap_of_a_run_is_that_of_its_scores(run):
 def test_dark_is_half_of_what_auto_exposure_aims_at():
     """9 % is 0.332 by sRGB's own formula, 0.09 through a straight curve; to a level of 8 bits."""
     assert dark_below(IMX250) == pytest.approx(1.055 * 0.09 ** (1 / 2.4) - 0.055, abs=1 / 255)
-    assert dark_below(replace(IMX250, tone=((0.0, 0.0), (1.0, 1.0)))) == pytest.approx(0.09, abs=1 / 255)
+    assert dark_below(IMX250.with_figures(tone=((0.0, 0.0), (1.0, 1.0)))) == pytest.approx(0.09, abs=1 / 255)
 
 
 @pytest.mark.parametrize(

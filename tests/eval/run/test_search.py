@@ -93,7 +93,7 @@ def test_interrupted_it_goes_on_to_the_same_rows(done, detector, tmp_path, after
 
 
 def test_where_the_plane_does_not_hold_it_is_the_grid(detector, tmp_path):
-    warm = replace(CAMERA, dark_current_e_s=500.0)
+    warm = CAMERA.with_figures(dark_current_e_s=500.0)
     some = replace(PICTURES, pictures=PICTURES.pictures[:2])
     small = {**GRID, "illuminance_lux": (5.0,)}
     done = decide(tmp_path, detector, small, camera=warm, pictures=some)

@@ -17,8 +17,8 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from blurnoise._core.checks import Figure, check_fields, shown, within
-from blurnoise.optics.spectra import Floats, check_samples
-from blurnoise.optics.transfer import Mtf
+from blurnoise.camera.spectra import Floats, check_samples
+from blurnoise.camera.transfer import Mtf
 
 _COUNTS = {"opencv": (4, 5, 8), "fisheye": (4,)}
 _KNOTS = 1 << 14
@@ -68,6 +68,11 @@ class Distortion:
             if len(values := getattr(self, name)) not in allowed:
                 must = " or ".join(map(str, allowed))
                 raise ValueError(f"{name} = {shown(values)}: must be {must} numbers, got {len(values)}")
+
+    @property
+    def displaces(self) -> bool:
+        """Whether a direction is imaged elsewhere than by a pinhole."""
+        return self.model == "fisheye" or any(self.coefficients)
 
     def distorted(self, seen: Floats) -> Floats:
         """Image of directions through the lens."""
@@ -145,15 +150,32 @@ def _column(values: Sequence[float], points: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Lens:
-    """Changes of a lens over its field; figures of 0 or None leave their effect out.
+    """The lens of a camera; figures of 0 or None leave their effect out.
 
-    field_curvature_px: added to the camera's defocus_radius_px times the square of the field height, either sign; the
-    radius is what remains without its sign. lateral_red, lateral_blue: by which share the picture of these colours is
-    larger than green's. falloff_power: of the field angle's cosine, natural vignetting (the law's is 4), or
-    relative_illumination, measured. mtf: measured, in place of disc and diffraction. Raises ``TypeError`` or
-    ``ValueError`` naming the figure.
+    f_number: working.
+    transmission: of lens and atmosphere, 0-1.
+    defocus_radius_px: of the disc to which a point spreads.
+    defocus_counts_pixel: blur by the disc's areas in the pixels, which counts the pixel's own aperture twice; for
+        comparisons only.
+    diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number.
+    hfov_deg: horizontal field of view of a pinhole camera of the same focal length.
+    field_curvature_px: added to defocus_radius_px times the square of the field height, either sign; the radius is
+        what remains without its sign.
+    lateral_red, lateral_blue: by which share the picture of these colours is larger than green's.
+    falloff_power: of the field angle's cosine, natural vignetting (the law's is 4); or relative_illumination,
+        measured.
+    distortion: measured, by a model of OpenCV.
+    mtf: measured, in place of disc and diffraction.
+
+    Raises ``TypeError`` or ``ValueError`` naming the figure.
     """
 
+    f_number: Annotated[Figure, within("f_number")]
+    transmission: Annotated[Figure, Ge(0), Le(1)]
+    defocus_radius_px: Annotated[Figure, within("defocus_radius_px")] = 0.0
+    defocus_counts_pixel: bool = False
+    diffraction_wavelength_um: Annotated[Figure, within("diffraction_wavelength_um")] = 0.0
+    hfov_deg: Annotated[Figure, within("hfov_deg")] = 60.0
     field_curvature_px: Annotated[Figure, within("field_curvature_px")] = 0.0
     lateral_red: Annotated[Figure, within("lateral_red")] = 0.0
     lateral_blue: Annotated[Figure, within("lateral_blue")] = 0.0
@@ -164,18 +186,28 @@ class Lens:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        shape, fault = self.distortion, ""
+        pinhole = self.falloff_power or (shape and shape.displaces and not shape.focal_px)
         if self.falloff_power and self.relative_illumination:
             must = "must be 0 beside relative_illumination, which holds it"
-            raise ValueError(f"falloff_power = {self.falloff_power:g}: {must}")
+            fault = f"falloff_power = {self.falloff_power:g}: {must}"
+        elif self.mtf and (self.defocus_radius_px or self.diffraction_wavelength_um):
+            must = "defocus_radius_px and diffraction_wavelength_um must be 0 beside it"
+            fault = f"lens.mtf: is measured with defocus and diffraction, at its own f-number; {must}"
+        elif self.field_curvature_px and self.defocus_counts_pixel:
+            fault = "lens.field_curvature_px: must be 0 where defocus_counts_pixel is true"
+        elif self.hfov_deg >= 180 and pinhole:
+            must = "must be < 180 for the field angles of lens.falloff_power and lens.distortion"
+            fault = f"hfov_deg = {self.hfov_deg:g}: {must}, or lens.distortion states its focal_px"
+        if fault:
+            raise ValueError(fault)
 
     @property
     def displaces(self) -> bool:
         """Whether it displaces objects in the picture; lateral colour does not count."""
-        shape = self.distortion
-        return shape is not None and (shape.model == "fisheye" or any(shape.coefficients))
+        return self.distortion is not None and self.distortion.displaces
 
 
-SAME_EVERYWHERE = Lens()  # adds nothing to the camera's figures
 Size = tuple[int, int]  # of a picture, (H, W)
 _COARSE = 33  # points along an axis on which a smooth field is looked at
 _AROUND = 64  # points of an ellipse
@@ -183,16 +215,22 @@ _AROUND = 64  # points of an ellipse
 
 @dataclass(frozen=True)
 class Field:
-    """A lens before a sensor of width_px by height_px, whose pinhole camera sees hfov_deg across.
+    """The field of a lens on a sensor of width_px by height_px, whose pinhole camera sees hfov_deg across.
 
-    Points of pictures (H, W) are arrays (2, ...) of x and y, px.
+    It has the figures of :class:`Lens` that change over the field, and no others: fields are keys of caches, which
+    the f-number and the focus leave valid. Points of pictures (H, W) are arrays (2, ...) of x and y, px.
     """
 
-    lens: Lens
     width_px: int
     height_px: int
     hfov_deg: float
-    pixel_pitch_um: float
+    pixel_pitch_um: float = 1.0
+    field_curvature_px: float = 0.0
+    lateral_red: float = 0.0
+    lateral_blue: float = 0.0
+    falloff_power: float = 0.0
+    relative_illumination: RelativeIllumination | None = None
+    distortion: Distortion | None = None
 
     @property
     def size(self) -> Size:
@@ -207,8 +245,8 @@ class Field:
     @property
     def focal_px(self) -> tuple[float, float]:
         """Focal lengths (x, y), px of the sensor."""
-        if self.lens.distortion and self.lens.distortion.focal_px:
-            return self.lens.distortion.focal_px[0], self.lens.distortion.focal_px[1]
+        if self.distortion and self.distortion.focal_px:
+            return self.distortion.focal_px[0], self.distortion.focal_px[1]
         focal = self.width_px / 2 / math.tan(math.radians(self.hfov_deg) / 2)
         return focal, focal
 
@@ -224,18 +262,18 @@ class Field:
 
     def directions(self, points: Floats, size: Size) -> Floats:
         """The directions (X/Z, Y/Z) that points of a picture see."""
-        seen, shape = self._pinhole_directions(points, size), self.lens.distortion
-        return shape.undistorted(seen) if shape and self.lens.displaces else seen
+        seen, shape = self._pinhole_directions(points, size), self.distortion
+        return shape.undistorted(seen) if shape and shape.displaces else seen
 
     def imaged(self, seen: Floats, size: Size) -> Floats:
         """Points at which the lens images directions."""
-        if self.lens.distortion:
-            seen = self.lens.distortion.distorted(self.lens.distortion.before_fold(seen))
+        if self.distortion:
+            seen = self.distortion.distorted(self.distortion.before_fold(seen))
         return self._pinhole_points(seen, size)
 
     def moved(self, points: Floats, size: Size) -> Floats:
         """Points of the pinhole's picture after the lens."""
-        return self.imaged(self._pinhole_directions(points, size), size) if self.lens.distortion else points
+        return self.imaged(self._pinhole_directions(points, size), size) if self.distortion else points
 
     def seen(self, points: Floats, size: Size) -> Floats:
         """Points of the pinhole's picture that points of the picture see, the inverse of :meth:`moved`."""
@@ -253,7 +291,7 @@ class Field:
     def _axis_px(self, points: Floats, size: Size) -> Floats:
         """The optical axis in a picture."""
         centre = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
-        own = (self.lens.distortion.centre_px if self.lens.distortion else ()) or centre
+        own = (self.distortion.centre_px if self.distortion else ()) or centre
         off = [x - half for x, half in zip(own, centre, strict=True)]
         scale = self.per_sensor_px(size)
         return _column(((size[1] - 1) / 2 + off[0] * scale, (size[0] - 1) / 2 + off[1] * scale), points)
@@ -282,12 +320,12 @@ def farthest_px(field: Field) -> float:
 @lru_cache(maxsize=8)
 def light(field: Field, size: Size) -> Floats:
     """Relative illumination (H, W) of a picture: the cosine's power, or the measured curve."""
-    curve = field.lens.relative_illumination
+    curve = field.relative_illumination
     if curve is not None:
         per_unit = 1.0 if curve.unit == "relative" else 1 / (field.corner_px * field.pixel_pitch_um / 1e3)
         return np.interp(field.heights(size), np.multiply(curve.heights, per_unit), curve.values)
     x, y = field.directions(pixels(size), size)
-    return np.asarray((1 + x * x + y * y) ** (-field.lens.falloff_power / 2))
+    return np.asarray((1 + x * x + y * y) ** (-field.falloff_power / 2))
 
 
 @lru_cache(maxsize=256)

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from blurnoise._core.checks import Figure, check_fields, limited
 from blurnoise._core.threads import differentiable
-from blurnoise.optics.spectra import check_samples
+from blurnoise.camera.spectra import check_samples
 
 
 def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:

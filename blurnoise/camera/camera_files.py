@@ -20,7 +20,10 @@ import yaml
 from blurnoise._core.checks import integer, known, one_of, shown
 from blurnoise._core.files import read_document, read_samples
 from blurnoise._core.writing import write_whole
-from blurnoise.optics.colour import FilterCurves, marked
+from blurnoise.camera.colour import FilterCurves, marked
+from blurnoise.camera.isp import Isp
+from blurnoise.camera.lens import Lens
+from blurnoise.camera.sensor import Sensor
 
 PRESETS = (
     "imx250", "imx250c", "imx250m", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0132c", "ar0132m", "ar0237",
@@ -28,6 +31,21 @@ PRESETS = (
 )  # fmt: skip
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
 _hints = lru_cache(get_type_hints)
+RECORDS: Mapping[str, Any] = {"lens": Lens, "sensor": Sensor, "isp": Isp}
+"""Fields of the camera to the records that they hold."""
+RECORD_OF = {entry.name: part for part, kind in RECORDS.items() for entry in fields(kind)}
+"""Names of all figures to the field of the camera that holds them."""
+KEYS = (
+    "name", "pixel_pitch_um", "f_number", "transmission", "quantum_efficiency", "full_well_e",
+    "system_gain_dn_per_e", "read_noise_e", "read_noise_post_share", "analogue_gain_max_db", "gain_max_db",
+    "conversion_gains", "gains", "photon_transfer", "captures", "dark_current_e_s", "dark_reference_c",
+    "dark_doubling_c", "row_noise_e", "column_noise_e", "black_level_drift_dn", "prnu", "prnu_row", "prnu_column",
+    "dsnu_e", "dsnu_row_e", "dsnu_column_e", "black_level_dn", "bit_depth", "defocus_radius_px",
+    "defocus_counts_pixel", "diffraction_wavelength_um", "cfa", "white_balance", "demosaic", "ccm", "tone",
+    "jpeg_quality", "width_px", "height_px", "hfov_deg", "row_time_s", "shutter", "scan", "lens", "sources",
+)  # fmt: skip
+"""Keys of files, in their order. ``lens`` maps the lens's figures over the field to values, the others are flat."""
+OVER_THE_FIELD = tuple(name for name in RECORD_OF if name not in KEYS)
 _NO_FIGURES = ("name", "captures", "defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality",
                "sources")  # fmt: skip
 
@@ -48,28 +66,28 @@ def read(path: Path) -> Any:
     return {"name": path.stem, **values} if isinstance(values, dict) else values
 
 
-def completed(
-    given: object, camera: Any, presets: Mapping[str, Any], source: str, folder: Path
-) -> dict[str, Any]:
-    """The fields of the ``camera`` class from ``given`` and its base preset, each figure with a source.
+def completed(given: object, presets: Mapping[str, Any], source: str, folder: Path) -> dict[str, Any]:
+    """The fields of a camera from ``given`` and its base preset, each figure with a source.
 
     source: of figures without one. folder: where the paths of tables start. Raises ``TypeError`` or ``ValueError``.
     """
     if not isinstance(given, Mapping):
         raise TypeError(f"camera: must map fields to values, got {type(given).__name__}")
-    names = [entry.name for entry in fields(camera)]
     for name in given:
-        known("field", name, ("base", *names))
-    figures = [name for name in names if name not in _NO_FIGURES]
+        known("field", name, ("base", *KEYS))
+    figures = [name for name in KEYS if name not in _NO_FIGURES]
     base: Mapping[str, Any] = {"sources": dict.fromkeys(figures, "assumed: the default, none was stated")}
     if (of := given.get("base")) is not None:
         if not isinstance(of, str):
             raise TypeError(f"base = {shown(of)}: must be text")
-        base = vars(presets[one_of("base", of, sorted(presets))])
+        base = flat(presets[one_of("base", of, sorted(presets))])
     values = {**base, **{name: value for name, value in given.items() if name != "base"}}
-    if missing := _missing(camera, values):
+    needed = [name for kind in RECORDS.values() for name in _needed(kind)]
+    if missing := ", ".join(name for name in KEYS if name in ("name", *needed) and name not in values):
         raise ValueError(f"missing {missing}; state them, or a base: one of {', '.join(sorted(presets))}")
-    values = {name: _value(camera, name, value, folder) for name, value in values.items()}
+    values |= _over_the_field(values.pop("lens", {}), folder)
+    for name in RECORD_OF.keys() & values.keys():
+        values[name] = _value(RECORDS[RECORD_OF[name]], name, values[name], folder)
     if isinstance(own := given.get("sources", {}), Mapping):  # the camera complains of any other
         sources = base["sources"] | {name: source for name in figures if name in given} | dict(own)
         own, curves = sources["quantum_efficiency"], given.get("quantum_efficiency")
@@ -77,7 +95,18 @@ def completed(
         if mark and isinstance(own, str) and mark not in own:
             sources["quantum_efficiency"] = f"{own}; marked: {mark}"
         values["sources"] = sources
-    return values
+    records = {
+        part: kind(**{name: values[name] for name in RECORD_OF if RECORD_OF[name] == part and name in values})
+        for part, kind in RECORDS.items()
+    }
+    return {"name": values["name"], **records, "sources": values["sources"]}
+
+
+def flat(camera: Any) -> dict[str, Any]:
+    """The camera's values by their keys in files."""
+    lens = {name: getattr(camera.lens, name) for name in OVER_THE_FIELD}
+    named = {"name": camera.name, "lens": lens, "sources": camera.sources}
+    return {key: named[key] if key in named else camera.figure(key) for key in KEYS}
 
 
 def write(path: Path, values: Mapping[str, object]) -> None:
@@ -102,7 +131,21 @@ def plain(value: Any) -> Any:
         return {entry.name: plain(getattr(value, entry.name)) for entry in fields(value)}
     if isinstance(value, tuple):
         return [plain(each) for each in value]
-    return dict(value) if isinstance(value, Mapping) else value
+    return {name: plain(each) for name, each in value.items()} if isinstance(value, Mapping) else value
+
+
+def _over_the_field(given: object, folder: Path) -> dict[str, Any]:
+    """Figures of the lens from the mapping of a file, those of the default where it has none."""
+    if not isinstance(given, Mapping):
+        raise TypeError(f"lens = {shown(given)}: must map figures to values")
+    try:
+        for name in given:
+            known("figure", name, OVER_THE_FIELD)
+        values = {name: _value(Lens, name, value, folder) for name, value in given.items()}
+        alone = Lens(f_number=1.0, transmission=1.0, **values)  # complains of them, without the other figures
+    except (TypeError, ValueError, csv.Error) as error:
+        raise within("lens", error) from None
+    return {name: getattr(alone, name) for name in OVER_THE_FIELD}
 
 
 def _value(kind: Any, name: str, given: Any, folder: Path) -> Any:
@@ -133,15 +176,14 @@ def _record(kind: Any, given: object, folder: Path) -> Any:
         known("figure", key, [*names, *(("csv", "column") if "values" in names else ())])
     if "csv" in given:
         given = _tabulated(given, names[0], folder)
-    if missing := _missing(kind, given):
+    if missing := ", ".join(name for name in _needed(kind) if name not in given):
         raise ValueError(f"missing {missing}")
     return kind(**{key: _value(kind, key, value, folder) for key, value in given.items()})
 
 
-def _missing(kind: Any, given: Mapping[str, Any]) -> str:
-    """Names of the fields that are needed and not given."""
-    needed = [entry.name for entry in fields(kind) if entry.default is entry.default_factory is MISSING]
-    return ", ".join(name for name in needed if name not in given)
+def _needed(kind: Any) -> list[str]:
+    """Names of a record's fields that have no default."""
+    return [entry.name for entry in fields(kind) if entry.default is entry.default_factory is MISSING]
 
 
 def _tabulated(given: Mapping[str, Any], positions: str, folder: Path) -> Mapping[str, Any]:

@@ -20,10 +20,10 @@ from torch import Tensor
 
 from blurnoise._core.checks import an_instance, limited
 from blurnoise._core.threads import plain
-from blurnoise.optics import colour
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import FilterCurves, Row
-from blurnoise.optics.spectra import Curve, check_illuminant, photons_per_lux_s_um2
+from blurnoise.camera import colour
+from blurnoise.camera.camera import Camera
+from blurnoise.camera.colour import FilterCurves, Row
+from blurnoise.camera.spectra import Curve, check_illuminant, photons_per_lux_s_um2
 
 BANDS_NM = ((580.0, 700.0), (490.0, 580.0), (400.0, 490.0))  # red, green and blue of a picture
 _LEAST_GREEN = 0.05
@@ -38,7 +38,7 @@ def photoelectrons(
 
     E T p^2 tau / (4 N^2) * integral W Q lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al., Sensors
     2024, 24, 5135, eq. 9-13, without the rounding of h. illuminance_lux and exposure_s >= 0; illuminant: a name or
-    a curve (see :func:`blurnoise.optics.spectra.illuminant`). Raises ``TypeError`` or ``ValueError`` naming the
+    a curve (see :func:`blurnoise.camera.spectra.illuminant`). Raises ``TypeError`` or ``ValueError`` naming the
     argument.
     """
     an_instance("camera", camera, Camera)
@@ -56,11 +56,11 @@ def electrons_per_lux_s(camera: Camera, illuminant: str | Curve = "D55") -> floa
 @lru_cache(maxsize=64)
 def filter_electrons(camera: Camera, illuminant: str | Curve = "D55") -> Mapping[str, float]:
     """Electrons per pixel for one lux second on a white surface, by the filter's letter; "" without a mosaic."""
-    on_sensor_um2 = camera.pixel_pitch_um**2 * camera.transmission / (4 * camera.f_number**2)
-    curves = camera.quantum_efficiency
+    on_sensor_um2 = camera.sensor.pixel_pitch_um**2 * camera.lens.transmission / (4 * camera.lens.f_number**2)
+    curves = camera.sensor.quantum_efficiency
     each = {"": curves}
     if isinstance(curves, FilterCurves):
-        each = {letter: curves.of(letter) for letter in camera.cfa}
+        each = {letter: curves.of(letter) for letter in camera.sensor.cfa}
     photons = {letter: photons_per_lux_s_um2(illuminant, (curve,)) for letter, curve in each.items()}
     return MappingProxyType({letter: on_sensor_um2 * each for letter, each in photons.items()})
 
@@ -72,7 +72,7 @@ def colour_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[floa
     A colour picture is three bands of the spectrum, ``BANDS_NM``, that add up to white (an assumption: boxes, as in
     Smits, An RGB-to-spectrum conversion for reflectances, 1999); what each makes follows from light and curve.
     """
-    curves = camera.quantum_efficiency
+    curves = camera.sensor.quantum_efficiency
     curve = curves.of("C") if isinstance(curves, FilterCurves) else curves
     red, green, blue = (photons_per_lux_s_um2(illuminant, (curve,), band) for band in BANDS_NM)
     total = red + green + blue
@@ -94,32 +94,36 @@ def clear_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float
 
 def dark_electrons(camera: Camera, exposure_s: Number, temperature_c: Number) -> Number:
     """Mean (and variance) of the dark charge: mu_I(ref) 2^((temp - ref)/doubling) T, EMVA 1288 eq. 14."""
-    doublings = (temperature_c - camera.dark_reference_c) / camera.dark_doubling_c
+    doublings = (temperature_c - camera.sensor.dark_reference_c) / camera.sensor.dark_doubling_c
     if isinstance(doublings, Tensor):
         factor = torch.exp2(doublings.clamp(max=_MOST_DOUBLINGS))
-        return (camera.dark_current_e_s * factor * exposure_s).clamp(max=_MOST_E)
-    return min(camera.dark_current_e_s * math.exp2(min(doublings, _MOST_DOUBLINGS)) * exposure_s, _MOST_E)
+        return (camera.sensor.dark_current_e_s * factor * exposure_s).clamp(max=_MOST_E)
+    return min(
+        camera.sensor.dark_current_e_s * math.exp2(min(doublings, _MOST_DOUBLINGS)) * exposure_s, _MOST_E
+    )
 
 
 def planes(camera: Camera, colours: int) -> int:
     """Number of planes read out of pictures with so many colours. Raises ``ValueError`` naming the image."""
-    if camera.cfa == "none":
+    if camera.sensor.cfa == "none":
         return colours
     if colours not in (1, 3):
-        raise ValueError(f"image: has {colours} channels; cfa = {camera.cfa!r} needs 1 (grey) or 3 (RGB)")
+        raise ValueError(
+            f"image: has {colours} channels; cfa = {camera.sensor.cfa!r} needs 1 (grey) or 3 (RGB)"
+        )
     return 1
 
 
 def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") -> Tensor:
     """Light (B, C, H, W) on the camera's pixels: (B, 1, H, W) of a mosaic or one plane, else ``light`` itself."""
-    if camera.cfa == "none":
+    if camera.sensor.cfa == "none":
         return light
     planes(camera, light.shape[1])
     quick = plain(light)  # NumPy wakes no threads
     seen: Any = light.detach().numpy() if quick else light
     out = torch.empty_like(light[:, :1], requires_grad=False, memory_format=torch.contiguous_format)
     to: Any = out.numpy() if quick else out
-    if camera.cfa == "mono":
+    if camera.sensor.cfa == "mono":
         to[:, 0] = _weighted(seen, weights(camera, illuminant)[0])
         return out
     for site, of_site in enumerate(weights(camera, illuminant)):
@@ -131,22 +135,22 @@ def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") ->
 @lru_cache(maxsize=64)
 def weights(camera: Camera, illuminant: str | Curve = "D55") -> tuple[Row, ...]:
     """Weights of red, green and blue of linear sRGB in a plane: for each of the four sites, or for all pixels."""
-    if camera.cfa == "mono":
+    if camera.sensor.cfa == "mono":
         return (colour_shares(camera, illuminant),)
     electrons = filter_electrons(camera, illuminant)
     most = max(electrons.values()) or 1.0
-    red, green, blue = (np.array(row) for row in colour.inverse(camera.ccm))
+    red, green, blue = (np.array(row) for row in colour.inverse(camera.isp.ccm))
     rows = {"R": red, "G": green, "B": blue}
-    if camera.cfa == "RCCB":
+    if camera.sensor.cfa == "RCCB":
         rows["C"] = np.array(clear_shares(camera, illuminant)) @ np.array([red, green, blue])
-    elif "C" in camera.cfa:
+    elif "C" in camera.sensor.cfa:
         rows["C"] = np.array(colour_shares(camera, illuminant))
-    return tuple(colour.as_rows(rows[letter] * electrons[letter] / most for letter in camera.cfa))
+    return tuple(colour.as_rows(rows[letter] * electrons[letter] / most for letter in camera.sensor.cfa))
 
 
 def peak(camera: Camera, illuminant: str | Curve = "D55") -> float:
     """The largest value that pictures within [0, 1] can have on the plane, 1 without a mosaic."""
-    if camera.cfa in colour.PLANES:
+    if camera.sensor.cfa in colour.PLANES:
         return 1.0
     return max(1.0, *(sum(max(0.0, weight) for weight in row) for row in weights(camera, illuminant)))
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 class CameraFigure(NamedTuple):
     """A number that an effect or a stage lists in its ``figures``.
 
-    name: the field of :class:`~blurnoise.optics.camera.Camera`; ``LIMITS`` has its range. unit: the field's. span:
+    name: the field of :class:`~blurnoise.camera.camera.Camera`; ``LIMITS`` has its range. unit: the field's. span:
     usual values, in this unit, from where to where a slider goes.
     """
 

@@ -13,21 +13,28 @@ import yaml
 from blurnoise import Camera, plan, simulate
 from blurnoise._core.borders import BORDERS
 from blurnoise.blur.over_the_field import TOLERANCE
+from blurnoise.camera import lens as lenses
+from blurnoise.camera.lens import Distortion, Mtf, RelativeIllumination
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION
 from blurnoise.light.motion import MOTION
-from blurnoise.optics import lens as lenses
-from blurnoise.optics.lens import Distortion, Lens, Mtf, RelativeIllumination
 
-SENSOR = replace(Camera.preset("imx250"), width_px=640, height_px=480, hfov_deg=90.0)
+SENSOR = Camera.preset("imx250").with_figures(width_px=640, height_px=480, hfov_deg=90.0)
 H, W = 61, 87
-CAMERA = replace(Camera.preset("imx250"), width_px=2 * W, height_px=2 * H, hfov_deg=70.0)
+CAMERA = Camera.preset("imx250").with_figures(width_px=2 * W, height_px=2 * H, hfov_deg=70.0)
 LIT: dict[str, Any] = {"exposure_s": 0.005, "illuminance_lux": 50.0}
 BARREL = Distortion("opencv", (-0.2, 0.02, 0.001, -0.0005))
 LENSES = ("distortion", "lateral colour", "defocus", "measured MTF", "vignetting")
 MTF = Mtf((0.1, 0.25, 0.5), (0.8, 0.45, 0.1), "cycles/px")
-EVERY = Lens(2.0, 0.02, -0.01, 4.0, None, BARREL, MTF)
+EVERY = {
+    "field_curvature_px": 2.0,
+    "lateral_red": 0.02,
+    "lateral_blue": -0.01,
+    "falloff_power": 4.0,
+    "distortion": BARREL,
+    "mtf": MTF,
+}
 
 
 FILED: dict[str, Any] = {
@@ -86,7 +93,7 @@ def shape(model, *coefficients, **others):
 @pytest.mark.parametrize(
     ("lens", "others", "named"),
     [
-        (3, {}, "lens = 3: must be a Lens, in a file a mapping of its figures"),
+        (3, {}, "lens = 3: must map figures to values"),
         ({"field_curvature_px": 60}, {}, "lens: field_curvature_px = 60.0: must be finite and >= -50 and <= 50"),
         ({"field_curvatur_px": 1}, {}, "lens: figure 'field_curvatur_px' is unknown; did you mean 'field_curvature"),
         ({"mtf": {"frequencies": [1]}}, {}, "lens: mtf: missing values, unit"),
@@ -150,7 +157,7 @@ def test_what_folds_is_named():
 
 
 def field(**lens):
-    return replace(SENSOR, lens=Lens(**lens)).field
+    return SENSOR.with_figures(**lens).field
 
 
 def test_natural_vignetting():
@@ -201,15 +208,11 @@ def at(camera, displacement_px=(0.0, 0.0)):
     return Conditions(camera, *[torch.zeros(1)] * 3, torch.tensor([displacement_px]))
 
 
-def of(lens, **others):
-    return replace(CAMERA, lens=lens, **others)
-
-
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
 def test_off_is_bit_equal_to_a_chain_without(fidelity, monkeypatch):
-    camera = replace(CAMERA, defocus_radius_px=1.2, diffraction_wavelength_um=0.55, f_number=2.8)
+    camera = CAMERA.with_figures(defocus_radius_px=1.2, diffraction_wavelength_um=0.55, f_number=2.8)
     frames: dict[str, Any] = {"velocity_px_s": (900.0, 300.0), "generator": [3], "fidelity": fidelity, **LIT}
-    off = replace(camera, lens=Lens(distortion=Distortion("opencv", (0.0, 0.0, 0.0, 0.0))))
+    off = camera.with_figures(distortion=Distortion("opencv", (0.0, 0.0, 0.0, 0.0)))
     seen = [simulate(picture(), each, **frames) for each in (camera, off)]
     monkeypatch.setattr(effects, "EFFECTS", (DEFOCUS, DIFFRACTION, MOTION))
     before = simulate(picture(), camera, **frames)
@@ -221,12 +224,12 @@ def test_off_is_bit_equal_to_a_chain_without(fidelity, monkeypatch):
 def test_on_changes_the_picture_within_its_bound_and_the_plan_says_so(lens, strength):
     """A picture of the sensor's size, black and white without correlation, or white: never more than the bound."""
     s = strength
-    camera = replace(CAMERA, width_px=W, height_px=H, lens={
-        "distortion": Lens(distortion=Distortion("opencv", (-0.2 * s, 0.0, 0.0, 0.001 * s))),
-        "lateral colour": Lens(lateral_red=0.02 * s),
-        "defocus": Lens(field_curvature_px=2.0 * s),
-        "measured MTF": Lens(mtf=Mtf((0.25, 0.5), (1 - 0.5 * s, 1 - 0.9 * s), "cycles/px")),
-        "vignetting": Lens(falloff_power=4.0 * s),
+    camera = CAMERA.with_figures(width_px=W, height_px=H, **{
+        "distortion": {"distortion": Distortion("opencv", (-0.2 * s, 0.0, 0.0, 0.001 * s))},
+        "lateral colour": {"lateral_red": 0.02 * s},
+        "defocus": {"field_curvature_px": 2.0 * s},
+        "measured MTF": {"mtf": Mtf((0.25, 0.5), (1 - 0.5 * s, 1 - 0.9 * s), "cycles/px")},
+        "vignetting": {"falloff_power": 4.0 * s},
     }[lens])  # fmt: skip
     effect = next(each for each in effects.EFFECTS if each.name == lens)
     bound = effect.bound(Conditions(camera, 0.01, 25.0, 1000.0, (0.0, 0.0)))
@@ -242,18 +245,24 @@ def test_on_changes_the_picture_within_its_bound_and_the_plan_says_so(lens, stre
 
 
 def test_what_is_small_is_left_out():
-    faint = Lens(1e-3, 1e-9, 1e-9, 1e-6, None, Distortion("opencv", (1e-9, 0.0, 0.0, 0.0)))
-    told = plan(of(faint), **LIT)
+    slight = Distortion("opencv", (1e-9, 0.0, 0.0, 0.0))
+    faint = CAMERA.with_figures(
+        field_curvature_px=1e-3, lateral_red=1e-9, lateral_blue=1e-9, falloff_power=1e-6, distortion=slight
+    )
+    told = plan(faint, **LIT)
     assert {"distortion", "lateral colour", "defocus", "vignetting"} <= told.without
     frames: dict[str, Any] = {"noise": False, "quantised": False, **LIT}
-    auto, full = (simulate(picture(), of(faint), fidelity=way, **frames) for way in ("auto", "full"))
+    auto, full = (simulate(picture(), faint, fidelity=way, **frames) for way in ("auto", "full"))
     assert 0 < float((auto - full).square().mean().sqrt()) < 0.1
     assert torch.equal(auto, simulate(picture(), CAMERA, **frames))
 
 
 def test_lateral_colour_moves_red_and_blue_against_green():
     """A dot 30 px right of the axis: red 1 % larger is 0.3 px further out; grey pictures have no colour."""
-    camera, x = of(Lens(lateral_red=0.01, lateral_blue=-0.02)), torch.arange(W, dtype=torch.float64)
+    camera, x = (
+        CAMERA.with_figures(lateral_red=0.01, lateral_blue=-0.02),
+        torch.arange(W, dtype=torch.float64),
+    )
     dot = torch.exp(-(((x - W // 2 - 30) / 3) ** 2) / 2).expand(1, 3, H, W).contiguous()
     row = effects.through(dot, at(camera))[0, :, H // 2]
     places = (row * x).sum(1) / row.sum(1) - W // 2
@@ -262,21 +271,21 @@ def test_lateral_colour_moves_red_and_blue_against_green():
     assert effects.through(grey, at(camera)) is grey
 
 
-@pytest.mark.parametrize(("unit", "per"), [("cycles/px", 1.0), ("lp/mm", 1e3 / CAMERA.pixel_pitch_um)])
+@pytest.mark.parametrize(("unit", "per"), [("cycles/px", 1.0), ("lp/mm", 1e3 / CAMERA.sensor.pixel_pitch_um)])
 def test_a_measured_mtf_blurs_as_the_law_that_it_samples(unit, per):
     """Diffraction, measured at 200 frequencies: the same picture, in one transform with motion."""
-    camera, moved = replace(CAMERA, f_number=5.6, diffraction_wavelength_um=0.55), (7.0, -2.0)
+    camera, moved = CAMERA.with_figures(f_number=5.6, diffraction_wavelength_um=0.55), (7.0, -2.0)
     f = torch.linspace(0, 0.8, 200, dtype=torch.float64)
     values = camera.optics.response(f, torch.zeros_like(f))
-    lens = Lens(mtf=Mtf(tuple((f * per).tolist()), tuple(values.tolist()), unit))
-    of_curve = replace(camera, diffraction_wavelength_um=0.0, lens=lens)
+    curve = Mtf(tuple((f * per).tolist()), tuple(values.tolist()), unit)
+    of_curve = camera.with_figures(diffraction_wavelength_um=0.0, mtf=curve)
     off = effects.through(picture(), at(of_curve, moved)) - effects.through(picture(), at(camera, moved))
     assert float(off.square().mean().sqrt()) < 3e-4
 
 
 def test_distortion_shows_the_scene_where_the_field_says():
     """A smooth scene, seen through barrel distortion, is that scene at the pixels' directions."""
-    camera = of(Lens(distortion=BARREL))
+    camera = CAMERA.with_figures(distortion=BARREL)
 
     def scene(x, y):
         return 0.5 + 0.3 * torch.sin(torch.as_tensor(x) * 0.3) * torch.cos(torch.as_tensor(y) * 0.2)
@@ -292,7 +301,7 @@ def test_distortion_shows_the_scene_where_the_field_says():
 @pytest.mark.parametrize("border", BORDERS)
 def test_beyond_the_scene_is_black(border):
     """A dot at the edge stays one under barrel distortion, and all that a pincushion shows is of the scene."""
-    barrel = of(Lens(distortion=Distortion("opencv", (-0.2, 0.0, 0.0, 0.0))))
+    barrel = CAMERA.with_figures(distortion=Distortion("opencv", (-0.2, 0.0, 0.0, 0.0)))
     dot = torch.zeros(1, 1, H, W)
     dot[..., 4:9, 4:9] = 1.0
     seen = effects.through(dot, at(barrel), border=border)[0, 0].numpy()
@@ -305,12 +314,12 @@ def test_beyond_the_scene_is_black(border):
     assert not white[beyond].any()
     inside = (x > 0) & (x < W - 1) & (y > 0) & (y < H - 1)
     assert np.abs(white - 1)[inside].max() < (0.3 if border == "constant" else 1e-5)
-    pincushion = of(Lens(distortion=Distortion("opencv", (0.2, 0.0, 0.0, 0.0))))
+    pincushion = CAMERA.with_figures(distortion=Distortion("opencv", (0.2, 0.0, 0.0, 0.0)))
     assert lenses.inside(pincushion.field, (H, W)) is None
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (7, 5)])
 def test_pictures_of_few_pixels(size):
-    seen = simulate(picture(size=size), of(EVERY), generator=[1], fidelity="full", **LIT)
+    seen = simulate(picture(size=size), CAMERA.with_figures(**EVERY), generator=[1], fidelity="full", **LIT)
     assert seen.shape == (1, 3, *size)
     assert torch.isfinite(seen).all()

@@ -1,6 +1,5 @@
 """Spectra and colour cameras: CIE data, lux to electrons, filters, balance and matrices, files and their faults."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +9,16 @@ from blurnoise_eval.cameras import behind_one_filter
 from generic_filters import behind_generic_filters
 
 from blurnoise import Camera, Curve, photoelectrons
-from blurnoise.optics import spectra
-from blurnoise.optics.camera import PRESETS
-from blurnoise.optics.colour import FilterCurves, inverse, normalised
-from blurnoise.optics.radiometry import clear_shares, colour_shares, electrons_per_lux_s, filter_electrons
+from blurnoise.camera import PRESETS, spectra
+from blurnoise.camera.colour import FilterCurves, inverse, normalised
+from blurnoise.camera.radiometry import clear_shares, colour_shares, electrons_per_lux_s, filter_electrons
 from blurnoise.picture.steps import GAIN_MAX, magnification, matrix, site_gains
 
 REFERENCE = Path(__file__).resolve().parents[3].parent / "shared" / "reference" / "spectra"
 needs_reference = pytest.mark.skipif(not REFERENCE.is_dir(), reason="the paper's curves are not here")
 IMX250 = PRESETS["imx250"]
 EVEN = FilterCurves(0.5, 0.5, 0.5, 0.5)
-COLOUR = replace(IMX250, cfa="RGGB", quantum_efficiency=EVEN)
+COLOUR = IMX250.with_figures(cfa="RGGB", quantum_efficiency=EVEN)
 
 
 def ar0237(column, end_nm):
@@ -35,7 +33,7 @@ def ar0237(column, end_nm):
 def test_electrons_and_white_balance_of_the_ar0237():
     """R 2152, G 2872, B 1877 e-/(lux s) under D55; white balance 1.334, 1, 1.530."""
     curves = FilterCurves(**{name: ar0237(k, 700) for k, name in ((3, "blue"), (2, "green"), (1, "red"))})
-    camera = replace(COLOUR, pixel_pitch_um=3.0, f_number=1.4, quantum_efficiency=curves)
+    camera = COLOUR.with_figures(pixel_pitch_um=3.0, f_number=1.4, quantum_efficiency=curves)
     electrons = filter_electrons(camera)
     assert dict(electrons) == pytest.approx({"R": 2152, "G": 2872, "B": 1877}, abs=1)
     assert electrons_per_lux_s(camera) == electrons["G"]
@@ -70,7 +68,7 @@ def test_electrons_are_linear_and_follow_the_lens():
     camera = Camera.preset("imx250")
     one = photoelectrons(camera, 1.0, 1.0)
     assert photoelectrons(camera, 50.0, 0.03) == pytest.approx(1.5 * one, rel=1e-12)
-    slower = replace(camera, f_number=2 * camera.f_number)
+    slower = camera.with_figures(f_number=2 * camera.lens.f_number)
     assert photoelectrons(slower, 1.0, 1.0) == pytest.approx(one / 4, rel=1e-12)
     assert photoelectrons(camera, 0.0, 1.0) == 0.0
 
@@ -82,9 +80,9 @@ def test_white_balance_follows_the_light_or_stays():
     electrons = filter_electrons(camera, "planck:2856")
     assert green == pytest.approx(electrons["R"] / electrons["G"])
     assert electrons_per_lux_s(camera, "planck:2856") == electrons["R"]
-    stays = replace(camera, white_balance=(2.0, 1.0, 1.5))
+    stays = camera.with_figures(white_balance=(2.0, 1.0, 1.5))
     assert site_gains(stays, "planck:2856") == site_gains(stays) == (2.0, 1.0, 1.0, 1.5)
-    least = replace(camera, white_balance=(1.0, 0.5, 0.75))
+    least = camera.with_figures(white_balance=(1.0, 0.5, 0.75))
     assert site_gains(least) == site_gains(stays)
     sodium = Curve((580.0, 589.0, 598.0), (0.0, 1.0, 0.0))
     assert site_gains(camera, sodium)[3] == GAIN_MAX  # as good as no blue
@@ -92,42 +90,45 @@ def test_white_balance_follows_the_light_or_stays():
 
 @pytest.mark.parametrize("cfa", ["RGGB", "RCCB"])
 def test_matrices_keep_white_and_inverses_undo_them(cfa):
-    camera = replace(PRESETS["imx250c"], cfa=cfa, quantum_efficiency=behind_generic_filters(0.6))
+    camera = PRESETS["imx250c"].with_figures(cfa=cfa, quantum_efficiency=behind_generic_filters(0.6))
     assert [sum(row) for row in matrix(camera)] == pytest.approx([1, 1, 1])
-    back = inverse(camera.ccm)
-    assert camera.ccm is not None
+    back = inverse(camera.isp.ccm)
+    assert camera.isp.ccm is not None
     for i in range(3):
         for j in range(3):
-            product = sum(normalised(camera.ccm)[i][k] * back[k][j] for k in range(3))
+            product = sum(normalised(camera.isp.ccm)[i][k] * back[k][j] for k in range(3))
             assert product == pytest.approx(float(i == j), abs=1e-12)
 
 
 def test_green_by_difference():
     """C - R - B; less than a twentieth of clear is no green."""
-    camera = replace(IMX250, cfa="RCCB", quantum_efficiency=FilterCurves(red=0.2, blue=0.1, clear=0.5))
+    camera = IMX250.with_figures(cfa="RCCB", quantum_efficiency=FilterCurves(red=0.2, blue=0.1, clear=0.5))
     assert clear_shares(camera) == pytest.approx((0.4, 0.4, 0.2))
     assert matrix(camera)[1] == pytest.approx((-1, 2.5, -0.5))
     with pytest.raises(ValueError, match=r"clear makes .* cfa = 'RCCB' makes green of what clear has more"):
-        clear_shares(replace(camera, quantum_efficiency=FilterCurves(red=0.3, blue=0.2, clear=0.5)))
+        clear_shares(camera.with_figures(quantum_efficiency=FilterCurves(red=0.3, blue=0.2, clear=0.5)))
 
 
 def test_one_plane_weighs_colours_by_what_they_make():
     """Of flat response and light per photon the shares are the bands' widths."""
     per_photon = Curve(tuple(range(400, 701)), tuple(1 / nm for nm in range(400, 701)))
-    flat = replace(IMX250, cfa="mono", quantum_efficiency=0.5)
+    flat = IMX250.with_figures(cfa="mono", quantum_efficiency=0.5)
     assert colour_shares(flat, per_photon) == pytest.approx((120 / 300, 90 / 300, 90 / 300), abs=1e-3)
-    red_only = replace(flat, quantum_efficiency=Curve((600.0, 700.0), (0.5, 0.5)))
+    red_only = flat.with_figures(quantum_efficiency=Curve((600.0, 700.0), (0.5, 0.5)))
     assert colour_shares(red_only) == pytest.approx((1, 0, 0))
 
 
 def test_one_filter_of_a_mosaic_and_its_magnification_of_noise():
     camera = PRESETS["imx250c"]
     alone = behind_one_filter(camera)
-    assert (alone.cfa, alone.quantum_efficiency) == ("none", camera.quantum_efficiency.green)
+    assert (alone.sensor.cfa, alone.sensor.quantum_efficiency) == (
+        "none",
+        camera.sensor.quantum_efficiency.green,
+    )
     assert electrons_per_lux_s(alone) == electrons_per_lux_s(camera)
     rows = ((1.3, 0.0, -0.3), (-0.5, 1.4, 0.1), (-0.578125, -0.25, 1.828125))
     expected = (0.578125**2 + 0.25**2 + 1.828125**2) ** 0.5  # standard deviation of unit noise in blue
-    assert magnification(replace(COLOUR, ccm=rows)) == pytest.approx(expected)
+    assert magnification(COLOUR.with_figures(ccm=rows)) == pytest.approx(expected)
     assert magnification(IMX250) == 1
 
 
@@ -138,7 +139,7 @@ def test_curves_of_filters_come_from_tables(tmp_path):
     }
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump({"base": "imx250", "cfa": "BGGR", "quantum_efficiency": columns}))
-    curves = Camera.load(path).quantum_efficiency
+    curves = Camera.load(path).sensor.quantum_efficiency
     assert isinstance(curves, FilterCurves)
     assert curves.green == Curve((400.0, 550.0, 700.0), (0.1, 0.5, 0.0))
     short = {"red": {"wavelengths_nm": [500, 600], "values": [0.1, 0.3]}, "green": 0.3, "blue": 0.2}
@@ -163,19 +164,19 @@ ROWS = [[1, 0, 0], [0.1, 1, 0.1], [0, 0, 1]]
 @pytest.mark.parametrize(
     ("call", "named"),
     [
-        (lambda: replace(COLOUR, cfa="RGBG"), "cfa = 'RGBG': must be one of 'none', 'mono', 'RGGB', 'GRBG', 'GBRG'"),
-        (lambda: replace(COLOUR, cfa="none"), "quantum_efficiency: states filters; cfa = 'none' has none"),
-        (lambda: replace(COLOUR, cfa="RCCB", quantum_efficiency=FilterCurves(0.5, 0.5, 0.5)), "missing clear"),
-        (lambda: replace(COLOUR, quantum_efficiency=0.5), "cfa = 'RGGB' needs red, green, blue of its own; missing"),
-        (lambda: replace(COLOUR, ccm=ROWS), "ccm: row 2 sums to 1.2; each must sum to 1"),
-        (lambda: replace(COLOUR, ccm=[["a", 0, 0]]), "ccm = [['a', 0, 0]]: must be three rows of three finite numb"),
-        (lambda: replace(COLOUR, ccm=[[1, 0, 0]] * 3), "must have an inverse"),
-        (lambda: replace(COLOUR, white_balance="grey"), "white_balance = 'grey': must be 'auto' or three gains"),
-        (lambda: replace(COLOUR, white_balance=(1, 0, 1)), "white_balance = (1, 0, 1): must be 'auto' or three"),
-        (lambda: replace(COLOUR, tone=[(0, 0), (0.5, 1)]), "light must increase from 0 to 1"),
-        (lambda: replace(COLOUR, tone=[(0, 0.5), (1, 0.4)]), "and never fall"),
-        (lambda: replace(IMX250, ccm=np.eye(3).tolist()), "ccm: cfa = 'none' has no colours"),
-        (lambda: replace(IMX250, cfa="mono", white_balance=(1, 1, 2)), "white_balance: cfa = 'mono' has no colours"),
+        (lambda: COLOUR.with_figures(cfa="RGBG"), "cfa = 'RGBG': must be one of 'none', 'mono', 'RGGB'"),
+        (lambda: COLOUR.with_figures(cfa="none"), "quantum_efficiency: states filters; cfa = 'none' has none"),
+        (lambda: COLOUR.with_figures(cfa="RCCB", quantum_efficiency=FilterCurves(0.5, 0.5, 0.5)), "missing clear"),
+        (lambda: COLOUR.with_figures(quantum_efficiency=0.5), "cfa = 'RGGB' needs red, green, blue of its own"),
+        (lambda: COLOUR.with_figures(ccm=ROWS), "ccm: row 2 sums to 1.2; each must sum to 1"),
+        (lambda: COLOUR.with_figures(ccm=[["a", 0, 0]]), "ccm = [['a', 0, 0]]: must be three rows of three"),
+        (lambda: COLOUR.with_figures(ccm=[[1, 0, 0]] * 3), "must have an inverse"),
+        (lambda: COLOUR.with_figures(white_balance="grey"), "white_balance = 'grey': must be 'auto' or three gains"),
+        (lambda: COLOUR.with_figures(white_balance=(1, 0, 1)), "white_balance = (1, 0, 1): must be 'auto' or three"),
+        (lambda: COLOUR.with_figures(tone=[(0, 0), (0.5, 1)]), "light must increase from 0 to 1"),
+        (lambda: COLOUR.with_figures(tone=[(0, 0.5), (1, 0.4)]), "and never fall"),
+        (lambda: IMX250.with_figures(ccm=np.eye(3).tolist()), "ccm: cfa = 'none' has no colours"),
+        (lambda: IMX250.with_figures(cfa="mono", white_balance=(1, 1, 2)), "white_balance: cfa = 'mono' has no"),
         (lambda: Curve((2.0, 1.0), (1.0, 1.0)), "wavelengths_nm"),
         (lambda: Curve((1.0, 2.0), (1.0, float("nan"))), "values"),
         (lambda: spectra.photons_per_lux_s_um2("D99", ()), "illuminant"),

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from blurnoise._core.checks import one_of, shown
 from blurnoise._core.threads import in_pieces, plain
-from blurnoise.optics.spectra import Curve, Floats, Spectrum, check_shares, cut_short
+from blurnoise.camera.spectra import Curve, Floats, Spectrum, check_shares, cut_short
 
 Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 Row = tuple[float, float, float]
@@ -73,14 +73,8 @@ def marked(curves: Spectrum | FilterCurves) -> str:
     return "; ".join(f"{name} {mark}".strip() for name, mark in marks if mark)
 
 
-def check(
-    cfa: str,
-    curves: Spectrum | FilterCurves,
-    ccm: Matrix | None,
-    white_balance: WhiteBalance,
-    tone: ToneCurve,
-) -> None:
-    """Raise ``TypeError`` or ``ValueError`` naming the camera's field where these do not go together."""
+def check_filters(cfa: str, curves: Spectrum | FilterCurves) -> None:
+    """Raise ``TypeError`` or ``ValueError`` unless each filter of the mosaic has a quantum efficiency."""
     stated = dict(curves.stated()) if isinstance(curves, FilterCurves) else {}
     if not isinstance(curves, FilterCurves):
         check_shares("quantum_efficiency", curves)
@@ -90,12 +84,14 @@ def check(
     if missing := ", ".join(name for name in needed if name not in stated):
         must = f"needs {', '.join(needed)} of its own"
         raise ValueError(f"quantum_efficiency: cfa = {cfa!r} {must}; missing {missing}")
+
+
+def check_balance(cfa: str, white_balance: WhiteBalance, ccm: Matrix | None) -> None:
+    """Raise ``ValueError`` where the mosaic has no colours to balance or to correct, or the matrix is unusable."""
     if white_balance != "auto" and cfa in PLANES:
         raise ValueError(f"white_balance: cfa = {cfa!r} has no colours to balance; must be 'auto'")
     if ccm is not None:
         _check_matrix(ccm, cfa)
-    if not isinstance(tone, str):
-        _check_points("tone", tone)
 
 
 def _check_matrix(ccm: Matrix, cfa: str) -> None:
@@ -119,11 +115,12 @@ def picture_tone(value: object, name: str = "encoding") -> PictureTone:
     except (TypeError, ValueError):
         must = "must be 'srgb', 'linear', 'filmic' or points (light, value)"
         raise TypeError(f"{name} = {shown(value)}: {must}") from None
-    _check_points(name, points)
+    check_points(name, points)
     return points
 
 
-def _check_points(name: str, points: Points) -> None:
+def check_points(name: str, points: Points) -> None:
+    """Raise ``ValueError`` unless the points (light, value) are a tone curve."""
     light, values = np.array(points, float).reshape(-1, 2).T
     if len(light) < 2:
         raise ValueError(f"{name} = {shown(points)}: must be at least two points")

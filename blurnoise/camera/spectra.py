@@ -187,5 +187,5 @@ def _integral(factors: Sequence[Spectrum], band_nm: tuple[float, float], power_o
 
 @lru_cache(maxsize=8)
 def _table(name: str, column: int) -> Curve:
-    with resources.as_file(resources.files("blurnoise.optics") / "data" / name) as path:
+    with resources.as_file(resources.files("blurnoise.camera") / "data" / name) as path:
         return Curve.from_csv(path, column)
