@@ -13,12 +13,12 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border
 from blurnoise.blur import convolution
+from blurnoise.camera import Camera
+from blurnoise.camera.spectra import Floats
+from blurnoise.camera.transfer import SHARP, Optics
 from blurnoise.light import capture, lens, motion
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.resolved import Resolved
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.spectra import Floats
-from blurnoise.optics.transfer import SHARP, Optics
 
 EFFECTS: tuple[LightEffect, ...] = (
     capture.LAMP, capture.LATER_CAPTURE, lens.DISTORTION, motion.OBJECTS, lens.LATERAL_COLOUR, lens.DEFOCUS,

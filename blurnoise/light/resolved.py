@@ -17,12 +17,12 @@ from blurnoise._core.checks import Numbers, limited_motion, limited_per_image
 from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layer, ObjectMotion, object_motion
 from blurnoise.blur.sub_exposures import flows
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PLANES
+from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
 from blurnoise.light.lamp import Pwm
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PLANES
-from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
-from blurnoise.optics.spectra import Curve
 
 Number = TypeVar("Number", float, Tensor)
 
@@ -88,8 +88,8 @@ class Resolved(Generic[Number]):
         (B, 2, H, W); trajectory: one for all or one, or None, for each. Raises ``ValueError`` naming the argument.
         """
         batch, size = len(image), (image.shape[-2], image.shape[-1])
-        if camera.cfa not in PLANES and min(size) < 2:
-            must = f"behind cfa = {camera.cfa!r} must be at least 2 x 2"
+        if camera.sensor.cfa not in PLANES and min(size) < 2:
+            must = f"behind cfa = {camera.sensor.cfa!r} must be at least 2 x 2"
             raise ValueError(f"image: {size[1]} x {size[0]} px; {must}")
         exposure = limited_per_image("exposure_s", exposure_s, batch, image)
         lux = limited_per_image("illuminance_lux", illuminance_lux, batch, image)

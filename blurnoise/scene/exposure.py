@@ -27,14 +27,15 @@ from blurnoise._core.checks import (
     shown,
 )
 from blurnoise.blur.layers import Layer
+from blurnoise.camera import Camera
+from blurnoise.camera.camera import Amplified
+from blurnoise.camera.lens import pixels
+from blurnoise.camera.spectra import Curve, Floats
 from blurnoise.light import effects
 from blurnoise.light.lamp import Pwm
 from blurnoise.light.resolved import Resolved
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Amplified, Camera
-from blurnoise.optics.lens import pixels
-from blurnoise.optics.spectra import Curve, Floats
 from blurnoise.picture.fusion import amplified
 from blurnoise.scene.metering import AutoExposure
 
@@ -189,11 +190,10 @@ class Exposure(Generic[Number]):
         return replace(self, **some)
 
     def velocity_of(self: Exposure[float], layer: Layer) -> tuple[float, float] | Tensor:
-        """Velocity of a layer of the scene, px/s; of a target, ``of_targets`` at its speed."""
+        """Velocity of a layer of the scene, px/s: its own, or of a target at a speed as ``of_targets`` has it."""
         if layer.speed is None:
             return torch.as_tensor(layer.velocity_px_s)
-        x, y = torch.as_tensor(layer.velocity_px_s).tolist()
-        velocity: tuple[float, float] = self.of_targets(layer.speed, (x, y)).velocity_px_s
+        velocity: tuple[float, float] = self.of_targets(layer.speed).velocity_px_s
         return velocity
 
     def move_boxes(self: Exposure[float], boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
@@ -240,14 +240,12 @@ class Exposure(Generic[Number]):
             moved = torch.from_numpy(flow.T).to(moved)
         return (moved * self.exposure_s).to(points)
 
-    def of_targets(
-        self: Exposure[float], speed: float = 1.0, own_px_s: tuple[float, float] = (0.0, 0.0)
-    ) -> Exposure[float]:
-        """The exposure for a target that moves at ``speed`` times the velocity, plus its own velocity."""
+    def of_targets(self: Exposure[float], speed: float = 1.0) -> Exposure[float]:
+        """The exposure for a target that moves at ``speed`` times the velocity."""
         if self.moves == "all":
             return self
         share = {"targets": speed, "background": 1.0 - speed}[self.moves]
-        x, y = (share * along + own for along, own in zip(self.velocity_px_s, own_px_s, strict=True))
+        x, y = (share * along + 0.0 for along in self.velocity_px_s)
         return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(
@@ -264,7 +262,9 @@ class Exposure(Generic[Number]):
         nine = across[:, :, None].expand(-1, -1, 3), down[:, None].expand(-1, 3, -1)
         points = torch.stack(nine, -1).view(-1, 2)
         moved = self.displacements_px(points, size)
-        if self.trajectory is None and not self.camera.row_time_s:  # all at once, behind the distortion
+        if (
+            self.trajectory is None and not self.camera.sensor.row_time_s
+        ):  # all at once, behind the distortion
             half = moved.abs() / 2 * swept
             hulls = effects.moved_boxes(points.repeat(1, 2), at, swept=swept) + torch.cat([-half, half], 1)
         else:  # each point by its own motion, in the rows that show it

@@ -24,15 +24,14 @@ from blurnoise._core import rng
 from blurnoise._core.checks import an_instance, in_range, integer, limited, limited_per_image, one_of
 from blurnoise._core.threads import differentiable, no_torch_compile, same_bits
 from blurnoise.blur.layers import Layer
+from blurnoise.camera import Camera, radiometry
+from blurnoise.camera.captures import windows
+from blurnoise.camera.colour import Encoding
 from blurnoise.light import effects
 from blurnoise.light.capture import LATER_CAPTURE
 from blurnoise.light.lamp import per_picture as lamp_per_picture
 from blurnoise.light.resolved import Resolved, Shift, velocities
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics import radiometry
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import windows
-from blurnoise.optics.colour import Encoding
 from blurnoise.picture.develop import develop, develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.picture.steps import magnification
@@ -430,9 +429,9 @@ def _plan(one: Resolved[float], brightest: float, tolerance_dn: float) -> Plan:
 def _fixed_pattern(
     scene: Scene, camera: Camera, planes: int, pattern_seed: int
 ) -> tuple[Tensor, Tensor] | None:
-    if not camera.prnu_total and not camera.dsnu_total_e:
+    if not camera.sensor.prnu_total and not camera.sensor.dsnu_total_e:
         return None
-    return camera.fixed_pattern((planes, *scene.size), pattern_seed)
+    return camera.sensor.fixed_pattern((planes, *scene.size), pattern_seed)
 
 
 def _white_e(scene: Scene, exposure: Exposure[Any], batch: int) -> Tensor:

@@ -3,7 +3,7 @@
 import inspect
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,8 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 
 import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
+from blurnoise.camera.captures import staggered
 from blurnoise.metrics import information, patches, slanted_edge
-from blurnoise.optics.captures import staggered
 from blurnoise.training.pictures import expose_pictures
 
 CAMERA = Camera.preset("imx250")
@@ -70,19 +70,20 @@ METERED |= {"row_time_s": 1e-5, "gain_max_db": 24.0}
 
 
 def fixed_pattern(shape):
-    return CAMERA.fixed_pattern(shape, 0)
+    return CAMERA.sensor.fixed_pattern(shape, 0)
 
 
 def exposed(**values):
     """Pictures of a batch by a camera of two captures."""
-    several = replace(CAMERA, captures=staggered(4.0))
+    several = CAMERA.with_figures(captures=staggered(4.0))
     return blurnoise.take(blurnoise.Scene(PICTURES), blurnoise.Exposure(several, **values)).picture
 
 
 CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
-    (blurnoise.Camera, {**FIGURES, "quantum_efficiency": 0.5}),
+    (blurnoise.Camera, {entry.name: getattr(CAMERA, entry.name) for entry in fields(CAMERA)}),
+    *((type(record), vars(record)) for record in (CAMERA.lens, CAMERA.sensor, CAMERA.isp)),
     (fixed_pattern, {"shape": (1, 24, 31)}),
-    (CAMERA.dark_variance_dn2, {"dark_e": 0.0}),
+    (CAMERA.sensor.dark_variance_dn2, {"dark_e": 0.0}),
     (blurnoise.Layer, LAYER),
     (blurnoise.expose_layers, {**MOVED, "background": PICTURES, "layers": [blurnoise.Layer(**LAYER)]}),
     (blurnoise.Curve, {"wavelengths_nm": (400.0, 700.0), "values": (0.1, 0.2)}),

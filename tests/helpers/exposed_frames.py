@@ -1,7 +1,5 @@
 """Digital numbers of scenes in linear light, which may exceed white: ``take`` with the arguments of an exposure."""
 
-from dataclasses import replace
-
 import torch
 
 from blurnoise import Exposure, Scene, TakeOptions, take
@@ -12,7 +10,7 @@ def raw_frames(
 ):
     """The frames of every capture of a scene, or of light (B, C, H, W)."""
     scene = light if isinstance(light, Scene) else Scene(light, lamp_mask=lamp_mask)
-    camera = camera if captures is None else replace(camera, captures=tuple(captures))
+    camera = camera if captures is None else camera.with_figures(captures=tuple(captures))
     exposure = Exposure(camera, **batched(values, len(scene.light)), seed=list(generator))
     return take(scene, exposure, TakeOptions(("raw",), noise=noise, quantised=quantised)).raw
 

@@ -7,14 +7,13 @@ was rendered, else invented from around it (:mod:`blurnoise.scene.cutting`).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -49,9 +48,8 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
     """Raise ``ValueError`` if the pictures have no labels, or if no target has a class that ``objects`` names."""
     check_labelled(pictures, "moves = targets or background", "pictures without labels allow only all")
     known = {target.label for picture in pictures for target in picture.targets or ()}
-    for name, stated in (("speeds", dict(objects.speeds)), ("crossings", dict(objects.crossings))):
-        if unknown := sorted({*stated} - known):
-            raise ValueError(f"{name}: {', '.join(unknown)}: must be classes of the targets")
+    if unknown := sorted({*objects.speeds} - known):
+        raise ValueError(f"speeds: {', '.join(unknown)}: must be classes of the targets")
 
 
 def cut_out(
@@ -76,8 +74,8 @@ def cut_out(
         covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(size, bool)
         behind = light if not found or cutting.hole_of(covered).all() else None
         cut = cutting.cut_out(light, found, [(0.0, 0.0)] * len(found), behind)
-        motions = [_motion(every[place], objects) for place in places]
-        hidden = [_hidden(number, found, motions) for number in range(len(found))]
+        speeds = [objects.speed_of(every[place].label) for place in places]
+        hidden = [_hidden(number, found, speeds) for number in range(len(found))]
         layers = tuple(_of_picture(layer, light, by) for layer, by in zip(cut.layers, hidden, strict=True))
         cut = cut._replace(layers=layers, invented=cut.invented if behind is None else covered)
     return CutOut(cut, tuple(places), tuple(objects.speed_of(every[place].label) for place in places))
@@ -97,7 +95,7 @@ def target_mask(picture: Picture, size: tuple[int, int]) -> Matte:
 
 def _apart(backmost: Sequence[int], every: Sequence[Target], objects: Objects) -> list[int]:
     """The targets that move, stand before one that does or right behind it; the others are background."""
-    movers = [place for place in backmost if not objects.stands(every[place].label)]
+    movers = [place for place in backmost if objects.speed_of(every[place].label)]
     first = backmost.index(movers[0]) if movers else len(backmost)
     return [
         place
@@ -112,16 +110,11 @@ def _meets(target: Target, others: Collection[Target]) -> bool:
     return any(x0 < right and left < x1 and y0 < bottom and top < y1 for left, top, right, bottom in boxes)
 
 
-def _motion(target: Target, objects: Objects) -> Hashable:
-    """Equal for targets that move alike."""
-    return target if objects.crosses(target.label) else objects.speed_of(target.label)
-
-
-def _hidden(place: int, found: Sequence[Matte], motions: Sequence[Hashable]) -> NDArray[np.bool_]:
+def _hidden(place: int, found: Sequence[Matte], speeds: Sequence[float]) -> NDArray[np.bool_]:
     """Where (H, W) objects that move otherwise hide this one: what the picture shows there is theirs."""
     hidden = np.zeros(found[place].shape, bool)
     for other in range(place + 1, len(found)):
-        if motions[other] != motions[place] and ((found[other] >= 1) & (found[place] > 0)).any():
+        if speeds[other] != speeds[place] and ((found[other] >= 1) & (found[place] > 0)).any():
             hidden |= found[other] > 0
     return cutting.hole_of(hidden) if hidden.any() else hidden
 
@@ -153,35 +146,24 @@ def _matte(target: Target, size: tuple[int, int]) -> Matte:
 class CutScene:
     """A picture with its targets cut out, so that either may move without the other, as ``Exposure.moves`` says.
 
-    scene: the background, and before it the targets as layers that move at a speed. speeds, own_px_s: one for each
-    layer of the cut, by default 1 and (0, 0), as :meth:`blurnoise.Exposure.of_targets` takes them: where the camera
-    tracks targets of speed 1, one of speed s is left with 1 - s, so that one that stands moves with the background.
+    scene: the background, and before it the targets as layers that move at a speed. speeds: one for each layer of the
+    cut, by default 1: a multiple of the exposure's velocity. Where the camera tracks targets of speed 1, one of speed
+    s is left with 1 - s, so that one that stands moves with the background.
     """
 
     def __init__(
-        self,
-        cut: Cut,
-        speeds: Sequence[float] | None = None,
-        own_px_s: Sequence[tuple[float, float]] | None = None,
-        lamp_mask: Tensor | None = None,
+        self, cut: Cut, speeds: Sequence[float] | None = None, lamp_mask: Tensor | None = None
     ) -> None:
-        count = len(cut.layers)
-        factors = (1.0,) * count if speeds is None else speeds
-        own = ((0.0, 0.0),) * count if own_px_s is None else own_px_s
+        factors = (1.0,) * len(cut.layers) if speeds is None else speeds
         self._cut = cut
-        self._targets = [
-            replace(layer, velocity_px_s=velocity, speed=factor)
-            for layer, factor, velocity in zip(cut.layers, factors, own, strict=True)
-        ]
-        joined: list[Layer] = []  # those that move alike and are near each other as one
-        for _, group in groupby(self._targets, key=_moves_by):
+        self._targets = [replace(layer, speed=by) for layer, by in zip(cut.layers, factors, strict=True)]
+        self._joined: list[Layer] = []  # those that move alike and are near each other as one
+        for speed, group in groupby(self._targets, key=lambda layer: layer.speed):
             alike = list(group)
             near = meeting([layer.window.grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in alike])
-            for _, indices in near:
-                whole = flattened([alike[index] for index in indices])
-                joined.append(replace(whole, speed=alike[0].speed))
-        self.scene = Scene(cut.background, layers=tuple(joined), lamp_mask=lamp_mask)
-        self._joined = joined
+            together = (flattened([alike[index] for index in indices]) for _, indices in near)
+            self._joined += [replace(layer, speed=speed) for layer in together]
+        self.scene = Scene(cut.background, layers=tuple(self._joined), lamp_mask=lamp_mask)
         self._shares: dict[tuple[float, ...], tuple[float, ...]] = {}
 
     def invented(self, exposure: Exposure) -> tuple[float, ...]:
@@ -205,9 +187,3 @@ class CutScene:
                 for layer in self._targets
             )
         return self._shares[key]
-
-
-def _moves_by(layer: Layer) -> tuple[float, ...]:
-    """Equal for layers that move alike."""
-    x, y = torch.as_tensor(layer.velocity_px_s).tolist()
-    return layer.speed or 0.0, x, y

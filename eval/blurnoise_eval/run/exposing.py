@@ -19,12 +19,12 @@ import torch
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import limited_motion
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import longest_first_s, windows
+from blurnoise.camera.colour import PictureTone
+from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.light.motion import readout_of
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import longest_first_s, windows
-from blurnoise.optics.colour import PictureTone
-from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture import fusion
 from blurnoise.picture.develop import develop_8bit, tones_8bit
 from blurnoise.picture.fusion import captures_of, readers
@@ -136,9 +136,8 @@ class PictureScene:
         """Blur, px, of the targets whose class has its own speed, by their place in the picture's list."""
         found, objects = dict[int, float](), self.objects
         for place, target in enumerate((self._picture and self._picture.targets) or ()):
-            if taken.moves != "all" and (target.label in objects.speeds or objects.crosses(target.label)):
-                own_px_s = objects.own_px_s(target.label, target.box_xyxy)
-                velocity = taken.of_targets(objects.speed_of(target.label), own_px_s).velocity_px_s
+            if taken.moves != "all" and target.label in objects.speeds:
+                velocity = taken.of_targets(objects.speed_of(target.label)).velocity_px_s
                 found[place] = math.hypot(*velocity) * taken.exposure_s
         return found
 
@@ -163,7 +162,7 @@ class PictureScene:
 
     def _is_cut(self, taken: Exposure) -> bool:
         """Whether the picture has to be cut for it."""
-        return taken.moves != "all" and (any(taken.velocity_px_s) or self.objects.crosses())
+        return taken.moves != "all" and any(taken.velocity_px_s)
 
     def _cut_scene(self) -> tuple[CutScene, tuple[int, ...]]:
         """The layers, cut out by the first thread that needs them, and the places of their targets."""
@@ -177,9 +176,7 @@ class PictureScene:
                     scale = float(self._reflected.sum() / plain.light.sum())
                 emitters = 1.0 if self.lamps is None else self.lamps.factor
                 found = cut_out(self._picture, light, self.objects, scale, emitters)
-                targets = [(self._picture.targets or ())[place] for place in found.targets]
-                beside = [self.objects.own_px_s(target.label, target.box_xyxy) for target in targets]
-                self._cut = CutScene(found.cut, found.speeds, beside, self.lamp_mask), found.targets
+                self._cut = CutScene(found.cut, found.speeds, self.lamp_mask), found.targets
             return self._cut
 
 
@@ -251,13 +248,13 @@ def brightest(exposure: Exposure, hdr_white: float = 1.0) -> int:
 
 @lru_cache(maxsize=64)
 def _brightest(camera: Camera, digital_db: float) -> int:
-    return int(tones_8bit(camera, digital_db)[int(camera.saturated_dn)])
+    return int(tones_8bit(camera, digital_db)[int(camera.sensor.saturated_dn)])
 
 
 @lru_cache(maxsize=256)
 def _brightest_fused(camera: Camera, white_e: float) -> int:
-    planes = 3 if camera.cfa == "none" else 1
-    limits_dn = [float(int(reader.saturated_dn)) for reader in readers(camera)]
+    planes = 3 if camera.sensor.cfa == "none" else 1
+    limits_dn = [float(int(reader.sensor.saturated_dn)) for reader in readers(camera)]
     dn = torch.stack([torch.full((1, planes, 4, 4), limit_dn) for limit_dn in limits_dn])
     return int(develop_8bit(dn, camera, white_e=torch.tensor([white_e])).min())
 
@@ -282,11 +279,11 @@ def snr_db(exposure: Exposure, light: float) -> float | None:
     dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
     if signal_e <= 0:
         return None
-    if camera.captures:
+    if camera.sensor.captures:
         return fusion.snr_db(camera, signal_e, dark_e=dark_e)
-    bend_e2 = (camera.variance_factor(signal_e + dark_e) - 1) * (signal_e + dark_e)
+    bend_e2 = (camera.sensor.variance_factor(signal_e + dark_e) - 1) * (signal_e + dark_e)
     noise_e = math.sqrt(
-        signal_e + bend_e2 + camera.dark_variance_dn2(dark_e) / camera.system_gain_dn_per_e**2
+        signal_e + bend_e2 + camera.sensor.dark_variance_dn2(dark_e) / camera.sensor.system_gain_dn_per_e**2
     )
     return 20 * math.log10(signal_e / noise_e)
 
@@ -300,29 +297,20 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     size, path = camera.field.size, None
     if plan.lamps is not None and plan.lamps.on_targets:
         check_labelled(pictures, "emitters, pwm_mask: targets", "without labels pulses light the whole scene")
-    fastest: dict[str, tuple[float, float]] = {}  # by class, of targets that cross the view
     if plan.cuts:
         check_cut(pictures, plan.objects)
-        for target in (target for picture in pictures for target in picture.targets or ()):
-            if plan.objects.crosses(target.label):
-                own = plan.objects.own_px_s(target.label, target.box_xyxy)
-                fastest[target.label] = max(
-                    fastest.get(target.label, own), own, key=lambda each: math.hypot(*each)
-                )
     if plan.path is not None:
-        (stated, longest_s), readout_s = plan.path, camera.row_time_s * camera.height_px
+        (stated, longest_s), readout_s = plan.path, camera.sensor.row_time_s * camera.sensor.height_px
         half_s = sum(windows(captures_of(camera), longest_s)[-1]) - longest_s / 2
-        half_s += readout_s if camera.shutter == "global-reset" else readout_s / 2
+        half_s += readout_s if camera.sensor.shutter == "global-reset" else readout_s / 2
         path = stated.of(camera, size, longest_s, plan.seed)
         path.window(-half_s, half_s)
     for at in plan.conditions():
         exposure = replace(at.exposure(camera, vehicle=plan.ego), trajectory=path)
         if "exposure_s" in at.automatic:
-            exposure = replace(exposure, exposure_s=longest_first_s(camera.captures, plan.longest_s))
-        if camera.captures:
-            windows(camera.captures, exposure.exposure_s)
-        for label, own_px_s in fastest.items():
-            plan.objects.check_crossing(label, own_px_s, exposure)
+            exposure = replace(exposure, exposure_s=longest_first_s(camera.sensor.captures, plan.longest_s))
+        if camera.sensor.captures:
+            windows(camera.sensor.captures, exposure.exposure_s)
         if exposure.drives:
             height, width = size
             edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from blurnoise import Exposure, Scene
 from blurnoise.blur.layers import Layer, seen_behind
-from blurnoise.optics.captures import windows
-from blurnoise.optics.radiometry import filter_electrons, photoelectrons
+from blurnoise.camera.captures import windows
+from blurnoise.camera.radiometry import filter_electrons, photoelectrons
 from blurnoise.picture import fusion
 from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.scene.cutting import Cut
@@ -30,18 +30,20 @@ def figures(scene: Scene, exposure: Exposure, dn: Tensor, cut: Cut | None) -> di
         "exposure_ms": 1e3 * exposure.exposure_s,
         "gain_db": exposure.gain_db,
         "white_electrons": white_e * captures[0].sensitivity,
-        "saturation_electrons": first.saturation_e,
+        "saturation_electrons": first.sensor.saturation_e,
         "blur_px": speed_px_s * exposure.exposure_s,
         "mean_dn": float(dn.mean()),
-        "full_scale_dn": camera.full_scale_dn,
-        "clipped_percent": 100 * float((dn >= dn.new_tensor(first.saturated_dn)).float().mean()),
+        "full_scale_dn": camera.sensor.full_scale_dn,
+        "clipped_percent": 100 * float((dn >= dn.new_tensor(first.sensor.saturated_dn)).float().mean()),
     }
     if speeds is not None:
         found["longest_blur_px"] = float(speeds.max()) * exposure.exposure_s
-    if camera.row_time_s:
-        found["readout_ms"] = 1e3 * camera.row_time_s * scene.size[0] / camera.field.per_sensor_px(scene.size)
-    if camera.cfa != "none":
-        found["cfa"] = camera.cfa
+    if camera.sensor.row_time_s:
+        found["readout_ms"] = (
+            1e3 * camera.sensor.row_time_s * scene.size[0] / camera.field.per_sensor_px(scene.size)
+        )
+    if camera.sensor.cfa != "none":
+        found["cfa"] = camera.sensor.cfa
         lux_s = exposure.illuminance_lux, exposure.exposure_s
         per_lux_s = filter_electrons(camera, lit_by)
         found |= {

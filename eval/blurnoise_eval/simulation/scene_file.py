@@ -16,10 +16,10 @@ from torch import Tensor
 from blurnoise import AutoExposure, Exposure, Scene
 from blurnoise._core.checks import in_range, integer, limited
 from blurnoise._core.rng import LAST_SEED
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture, staggered
+from blurnoise.camera.spectra import Curve, illuminant
 from blurnoise.light.lamp import Pwm
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, staggered
-from blurnoise.optics.spectra import Curve, illuminant
 from blurnoise.scene.cutting import Cut, Matte, cut_out
 from blurnoise.scene.metering import anchored, mean_luma
 from blurnoise.scene.scene import scene_reflectance
@@ -80,12 +80,12 @@ def _camera(config: SceneFile, camera: Camera) -> Camera:
     """The camera with the file's line time, captures, and the sources of what the file sets."""
     if config.line_time_us is not None:  # 0: a global shutter
         in_range("line_time_us", config.line_time_us, 0.0, 1e6)
-        rolls = "rolling" if camera.shutter == "global" else camera.shutter
+        rolls = "rolling" if camera.sensor.shutter == "global" else camera.sensor.shutter
         shutter = rolls if config.line_time_us else "global"
-        camera = replace(camera, row_time_s=config.line_time_us / 1e6, shutter=shutter)
+        camera = camera.with_figures(row_time_s=config.line_time_us / 1e6, shutter=shutter)
     stated = [_LENS[name] for name in config.at() if name in _LENS]
     camera = replace(camera, sources={**camera.sources, **dict.fromkeys(stated, "given on the command line")})
-    return camera if config.hdr is None else replace(camera, captures=_captures(config.hdr))
+    return camera if config.hdr is None else camera.with_figures(captures=_captures(config.hdr))
 
 
 def _automatic(config: SceneFile, at: Conditions, exposure: Exposure) -> Exposure:

@@ -1,7 +1,6 @@
 """Captures and pulsed lamps: SNR at the switches, noise of the blend, ghosts in closed form; lamps row by row."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,14 +21,14 @@ from blurnoise import (
     take,
     take_each,
 )
-from blurnoise.optics.captures import Capture, staggered
-from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera.captures import Capture, staggered
+from blurnoise.camera.colour import srgb_from_linear
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.picture import fusion
 from blurnoise.picture.fusion import fuse
 
 IMX250 = Camera.preset("imx250")
-FINE = replace(IMX250, bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of
+FINE = IMX250.with_figures(bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of
 WELL_E = 10715.0
 LIT = {"exposure_s": 0.01, "illuminance_lux": 1.0}
 CLEAN: dict[str, Any] = {"noise": False, "quantised": False}
@@ -46,7 +45,7 @@ def lit(camera, exposure_s=0.01):
 
 
 def having(captures, camera=FINE):
-    return replace(camera, captures=tuple(captures))
+    return camera.with_figures(captures=tuple(captures))
 
 
 def fused(light, camera, captures, **taken):
@@ -92,7 +91,7 @@ def test_two_gains_on_one_exposure_share_their_noise_in_the_blend(second_db, sha
 
 def test_dark_current_is_noise_of_every_capture():
     """6000 e- of it in the first exposure, 375 in the second; without them the first would have 22 e-, not 81."""
-    warm = replace(FINE, dark_current_e_s=6e5, dark_reference_c=25.0, dark_doubling_c=8.0)
+    warm = FINE.with_figures(dark_current_e_s=6e5, dark_reference_c=25.0, dark_doubling_c=8.0)
     for electrons in (500.0, 40_000.0):
         expected = fusion.noise_e(having(staggered(16), warm), electrons, dark_e=6000.0)
         found = float(flat(electrons, staggered(16), warm).std())
@@ -118,13 +117,13 @@ def test_the_first_capture_is_the_plain_frame_to_the_bit():
     light = torch.rand(2, 3, 17, 23, generator=torch.Generator().manual_seed(1))
     at: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 60.0, "velocity_px_s": (400.0, -90.0)}
     seeds = {"generator": [4, 9]}
-    several = replace(IMX250, captures=staggered(16))
+    several = IMX250.with_figures(captures=staggered(16))
     plain = simulate(light, IMX250, encoding="linear", **at, **seeds)
     first, second = simulate(light, several, encoding="linear", **at, **seeds)
     (alone,) = raw_frames(light, IMX250, (Capture(),), **at, **seeds)
     steady, _ = raw_frames(light, several, lamp=Pwm(90.0, 1.0), **at, **seeds)
     assert all(torch.equal(plain, frame) for frame in (alone, first, steady))
-    expected = (plain - IMX250.black_level_dn) / IMX250.system_gain_dn_per_e
+    expected = (plain - IMX250.sensor.black_level_dn) / IMX250.sensor.system_gain_dn_per_e
     torch.testing.assert_close(fuse([alone], IMX250), expected)
     last_alone = simulate(light[1:], several, encoding="linear", **at, generator=[9])
     assert torch.equal(torch.stack([first, second])[:, 1:], last_alone)
@@ -132,7 +131,10 @@ def test_the_first_capture_is_the_plain_frame_to_the_bit():
 
 def test_gradients_pass_the_captures_and_their_fusion():
     """Against differences: light of one pixel in the fused picture, moving and under a lamp."""
-    camera, light = replace(FINE, captures=staggered(4)), torch.full((1, 1, 6, 9), 0.4, dtype=torch.float64)
+    camera, light = (
+        FINE.with_figures(captures=staggered(4)),
+        torch.full((1, 1, 6, 9), 0.4, dtype=torch.float64),
+    )
     exposure = Exposure(
         camera, **batched(lit(camera), 1), velocity_px_s=(300.0, 0.0), lamp=Pwm(90.0, 0.6), seed=[1]
     )
@@ -184,17 +186,17 @@ def test_the_second_capture_lies_5_31_px_further_per_1000_px_s():
     for start_s, expected_px in ((None, 5.3125), (0.012, 7.3125)):
         captures = (Capture(), Capture(exposure_ratio=16, start_s=start_s))
         _, second = raw_frames(light, IMX250, captures, **lit(IMX250), **MOVED)
-        weights = (second - IMX250.black_level_dn).flatten()
+        weights = (second - IMX250.sensor.black_level_dn).flatten()
         assert float((weights * X).sum() / weights.sum()) == pytest.approx(expected_px, abs=0.02)
 
 
 @pytest.mark.parametrize(("name", "full_well_e"), [("imx250", WELL_E), ("imx250c", 5000.0)])
 def test_developed_white_is_white(name, full_well_e):
     """Of a mosaic, too, and where the well ends below the converter's range."""
-    camera = replace(Camera.preset(name), full_well_e=full_well_e)
+    camera = Camera.preset(name).with_figures(full_well_e=full_well_e)
     light = torch.full((1, 3, 8, 10), 8.0)
     light[..., 5:] = 4.0
-    camera = replace(camera, captures=staggered(16, 64))
+    camera = camera.with_figures(captures=staggered(16, 64))
     dn = torch.stack(raw_frames(light, camera, **lit(camera), **CLEAN))
     seen = develop(dn, camera, white_e=8 * WELL_E)
     assert seen.shape == light.shape
@@ -208,7 +210,7 @@ def test_a_camera_file_states_captures(tmp_path):
         "base: imx250\ncaptures: [{}, {exposure_ratio: 16}, {exposure_ratio: 256.0}]\n"
     )
     camera = Camera.load(tmp_path / "mine.yaml")
-    assert camera.captures == staggered(16, 256)
+    assert camera.sensor.captures == staggered(16, 256)
     camera.save(tmp_path / "again.json")
     assert Camera.load(tmp_path / "again.json") == camera
     (tmp_path / "bad.yaml").write_text("base: imx250\ncaptures: [{}, {ratio: 16}]\n")
@@ -256,7 +258,7 @@ def test_a_lamp_s_mask_says_which_pixels_it_lights():
     light = torch.full((1, 1, 4, 6), 0.02)
     at = {**lit(FINE, 0.001), **CLEAN}
     (dark,), (seen,) = (raw_frames(light, FINE, lamp=lamp, lamp_mask=mask, **at) for lamp in (None, LED))
-    ratio = ((seen - FINE.black_level_dn) / (dark - FINE.black_level_dn))[0, 0]
+    ratio = ((seen - FINE.sensor.black_level_dn) / (dark - FINE.sensor.black_level_dn))[0, 0]
     assert float(ratio[1, 2]) == pytest.approx(10.0, rel=1e-5)
     assert float(ratio[2, 4]) == pytest.approx(1 + 0.25 * 9, rel=1e-5)
     assert int((ratio - 1).abs().gt(1e-5).sum()) == 2
@@ -280,7 +282,7 @@ def test_a_path_goes_on_in_the_next_capture():
     path = Trajectory((-0.005, 0.005, 0.006), (0.0, 0.0, 16.0 * FINENESS), (0.0, 0.0, 0.0))
     frames = raw_frames(light, IMX250, staggered(16), trajectory=path, **lit(IMX250), **CLEAN)
     for frame, middle_px, blur_px in zip(frames, (0.0, 5.0), (0.0, 10.0), strict=True):
-        weights = (frame - IMX250.black_level_dn).flatten()
+        weights = (frame - IMX250.sensor.black_level_dn).flatten()
         weights = weights / weights.sum()
         mean = float((weights * X).sum())
         assert mean == pytest.approx(middle_px, abs=0.02)
@@ -292,8 +294,8 @@ def test_a_lamp_goes_on_from_capture_to_capture():
     lamp = Pwm(50.0, 0.05, 0.5)
     light = torch.full((1, 1, 2, 3), 0.02)
     first, second = raw_frames(light, FINE, staggered(16), lamp=lamp, **lit(FINE), **CLEAN)
-    assert float(first.mean()) == pytest.approx(FINE.black_level_dn)
-    seen = (second - FINE.black_level_dn) / FINE.system_gain_dn_per_e
+    assert float(first.mean()) == pytest.approx(FINE.sensor.black_level_dn)
+    seen = (second - FINE.sensor.black_level_dn) / FINE.sensor.system_gain_dn_per_e
     assert float(seen.mean()) == pytest.approx(20 * 0.02 * WELL_E / 16, rel=1e-4)
 
 
@@ -301,7 +303,7 @@ def test_a_lamp_goes_on_from_capture_to_capture():
 @pytest.mark.parametrize("scan", ["down", "up"])
 def test_rows_see_the_lamp_when_they_are_exposed(shutter, scan):
     """Against the lit time of each row, counted; what a global reset adds to a row's time adds to its light."""
-    camera = replace(FINE, width_px=4, height_px=60, row_time_s=2e-4, shutter=shutter, scan=scan)
+    camera = FINE.with_figures(width_px=4, height_px=60, row_time_s=2e-4, shutter=shutter, scan=scan)
     light = torch.full((1, 1, 60, 4), 0.02)
     (seen,) = raw_frames(light, camera, lamp=LED, **lit(camera, 0.003), **CLEAN)
     order = torch.arange(60) if scan == "down" else torch.arange(59, -1, -1)
@@ -310,14 +312,14 @@ def test_rows_see_the_lamp_when_they_are_exposed(shutter, scan):
     instants = start_s[:, None] + lasting_s[:, None] * (torch.arange(20_000).double() + 0.5) / 20_000
     on_s = ((90 * instants) % 1 < 0.1).double().mean(1) * lasting_s
     expected = 0.02 * WELL_E / 0.003 * on_s / 0.1
-    found = (seen[0, 0, :, 0] - camera.black_level_dn) / camera.system_gain_dn_per_e
+    found = (seen[0, 0, :, 0] - camera.sensor.black_level_dn) / camera.sensor.system_gain_dn_per_e
     torch.testing.assert_close(found.double(), expected, atol=2.0, rtol=2e-3)
     assert len(expected.unique()) > 5
 
 
 def test_gain_changes_the_noise_of_a_fused_picture_and_not_its_brightness():
     """Beyond the amplifier, too, where one capture has digital gain."""
-    camera = replace(IMX250, read_noise_post_share=0.9, captures=staggered(16))
+    camera = IMX250.with_figures(read_noise_post_share=0.9, captures=staggered(16))
     scene = Scene(torch.full((1, 1, 90, 90), 0.2))
     seen = [
         take(
@@ -328,7 +330,7 @@ def test_gain_changes_the_noise_of_a_fused_picture_and_not_its_brightness():
     assert [float(each.mean()) for each in seen] == pytest.approx([0.2] * 3, rel=0.01)
     assert float(seen[0].std()) > 1.05 * float(seen[1].std())
     amplified, digital_db = fusion.amplified(camera, 40.0)
-    assert [capture.gain_db for capture in amplified.captures] == [24.0, 24.0]
+    assert [capture.gain_db for capture in amplified.sensor.captures] == [24.0, 24.0]
     assert digital_db == 16.0
 
 
@@ -336,11 +338,11 @@ def test_automatic_exposure_meters_the_first_capture():
     """At 12 dB a quarter of the time; of half the sensitivity twice as long."""
     usual = AutoExposure(frame_rate_hz=1.0)
     plain = usual.setting(IMX250, mean_light=0.2, illuminance_lux=100.0)
-    amplified = replace(IMX250, captures=dual_gain(20 * math.log10(4)))
+    amplified = IMX250.with_figures(captures=dual_gain(20 * math.log10(4)))
     assert usual.setting(amplified, mean_light=0.2, illuminance_lux=100.0).exposure_s == pytest.approx(
         plain.exposure_s / 4
     )
-    halved = replace(IMX250, captures=(Capture(sensitivity=0.5),))
+    halved = IMX250.with_figures(captures=(Capture(sensitivity=0.5),))
     assert usual.setting(halved, mean_light=0.2, illuminance_lux=100.0).exposure_s == pytest.approx(
         plain.exposure_s * 2
     )
@@ -354,7 +356,7 @@ def test_8_bits_are_the_picture_rounded(name):
     scene = Scene(light)
     exposures = [
         Exposure(camera, 0.01, 60.0, (200.0, 0.0), gain_db=6.0, seed=4, lamp=lamp)
-        for camera in (plain, replace(plain, captures=staggered(16)))
+        for camera in (plain, plain.with_figures(captures=staggered(16)))
         for lamp in (None, LED)
     ]
     for exposure, frames in zip(exposures, take_each(scene, exposures), strict=True):
