@@ -17,6 +17,7 @@ from blurnoise_eval import datasets
 from blurnoise_eval.answers.clusters import check_cluster
 from blurnoise_eval.answers.criterion import criterion_for
 from blurnoise_eval.cameras import find
+from blurnoise_eval.contracts.comparison import contracts_chosen
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.default_camera import default_for
 from blurnoise_eval.detectors.detector import Detector
@@ -26,7 +27,6 @@ from blurnoise_eval.plan.axes import AXES
 from blurnoise_eval.plan.conditions import Part, SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.computing import Outcome, compute
-from blurnoise_eval.run.contract_checks import contracts_chosen
 from blurnoise_eval.run.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.run.exposing import check_plan
 from blurnoise_eval.run.identity import begun_or_gone, note_models, open_run
