@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from blurnoise_eval.evaluation import Evaluation, evaluate
     from blurnoise_eval.explorer.run import Run
     from blurnoise_eval.plan.axes import AXES
-    from blurnoise_eval.plan.conditions import SweepPlan
+    from blurnoise_eval.plan.plan import SweepPlan
     from blurnoise_eval.plan.question import Question
     from blurnoise_eval.single_picture import expose
 
@@ -34,7 +34,7 @@ _FROM = {
     "PythonDetector": "detectors.python_models",
     "Question": "plan.question",
     "Run": "explorer.run",
-    "SweepPlan": "plan.conditions",
+    "SweepPlan": "plan.plan",
     "TorchvisionDetector": "detectors.python_models",
     "evaluate": "evaluation",
     "expose": "single_picture",

@@ -12,7 +12,7 @@ import kornia.augmentation as kornia
 import pandas
 from blurnoise_eval import datasets
 from blurnoise_eval.evaluation import evaluate
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_models.augmentation import InShare, exposures
 from blurnoise_models.export import write_onnx
 from blurnoise_models.scenes import write_coco

@@ -11,7 +11,7 @@ from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run import computing as run
 from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.run.work import blocks

@@ -7,37 +7,48 @@ from dataclasses import dataclass, replace
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import Json, NewFolder, settings
 from blurnoise_eval.plan.axes import AXES, EGO, MOVES
-from blurnoise_eval.plan.files import LISTS, PlanFile, with_axes
-from blurnoise_eval.plan.settings import setting
+from blurnoise_eval.plan.files import PlanFile
+from blurnoise_eval.plan.plan import SweepPlan, with_defaults
+from blurnoise_eval.plan.settings import Text, nested, setting
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
 
-USUAL = {
-    "exposure_ms": "0.5,1,2,5,10,15,20,30,45,60,90",
-    "lux": "5,50,500",
-    "dx": "0,200,500,1000",
-    "dy": "0",
-    "gain": "0",
-}
-_AXES = tuple(  # a camera has no single mean of all charts to meter
-    replace(each, automatic=False, about=each.about.partition("; auto")[0]) for each in AXES
+_AXES = with_defaults(
+    [  # a camera has no single mean of all charts to meter
+        replace(each, automatic=False, about=each.about.partition("; auto")[0]) for each in AXES
+    ],
+    exposure_s=[ms / 1e3 for ms in (0.5, 1, 2, 5, 10, 15, 20, 30, 45, 60, 90)],
+    illuminance_lux=(5, 50, 500),
+    velocity_x_px_s=(0, 200, 500, 1000),
+    velocity_y_px_s=(0,),
+    gain_db=(0,),
 )
 
 
-@dataclass(frozen=True)
-class ChartPlan(with_axes(LISTS, "LIST", USUAL, _AXES), PlanFile):  # type: ignore[misc]  # its fields are the table's
-    """A plan with the defaults of this command for camera and axes."""
+@dataclass(frozen=True, kw_only=True)
+class ChartPlan(SweepPlan):
+    """A plan with this command's defaults of axes and repeats."""
 
-    camera: str | None = setting(None, "a preset or a camera file (default: imx250m)", "NAME|FILE")
+    AXES = _AXES
+
+    repeats: int = setting(2, "number of repeats with other noise (default: 1; 2 for charts)")
+
+
+@dataclass(frozen=True)
+class ChartFile(PlanFile):
+    """A plan's file with the defaults of this command."""
+
+    plan: ChartPlan = nested(ChartPlan)
+    camera: Text | None = setting(None, "a preset or a camera file (default: imx250m)", "NAME|FILE")
 
 
 @settings(
-    ChartPlan,
+    ChartFile,
     "camera",
     *(each.key for each in _AXES if each.name not in (MOVES.name, EGO.name)),
     template=False,
 )
-def quality(*, config: ChartPlan, output: NewFolder, as_json: Json = False) -> None:
+def quality(*, config: ChartFile, output: NewFolder, as_json: Json = False) -> None:
     """Measure image quality of simulated charts over exposure, light and motion. The metrics are MTF50, edge SNR,
     CNR, patch SNR, information capacity, NEQ, SNRI, Michelson contrast, CDP, PSNR and SSIM, with intervals.
 
@@ -55,7 +66,7 @@ def quality(*, config: ChartPlan, output: NewFolder, as_json: Json = False) -> N
     from blurnoise_eval.measure import figures as quality_figures
     from blurnoise_eval.system.files import check_outputs
 
-    plan = config.sweep_plan(repeats=2)
+    plan = config.plan
     quality.check(camera, plan)
     check_outputs(output, "quality.csv", "quality.json", "figures/exposure-*.png")
     output.mkdir(parents=True, exist_ok=True)

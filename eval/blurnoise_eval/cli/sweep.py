@@ -53,11 +53,18 @@ def computed(
     workers = config.threads if config.address else inputs.threads(config.threads)
     engine = engine_of(config.engine, workers, config.address)
     models, pictures = inputs.subject(config)  # before a folder is made
-    plan = config.sweep_plan()
     camera, about_camera = inputs.camera_of_run(config, pictures)
     with written_run(output) as folder:
         of = replace(folder, command=inputs.command())
         done = compute(
-            models, pictures, camera, plan, config.question, of, engine=engine, progress=True, **further
+            models,
+            pictures,
+            camera,
+            config.plan,
+            config.question,
+            of,
+            engine=engine,
+            progress=True,
+            **further,
         )
         print_run(done, as_json=as_json, about_camera=about_camera)

@@ -24,7 +24,8 @@ from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.datasets import PictureSet, check_cut
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import Evaluation, evaluate
-from blurnoise_eval.plan.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Conditions
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.run import RunData, Tables
 from blurnoise_eval.report.words import counted
@@ -93,7 +94,7 @@ def decided(
             store.set_about(_QUESTION, asdict(replace(space, because=because)))
         return Decision(folder, question, progress=progress, trust=True)
     further = {name: (value,) for name, value in space.further.items()}
-    nodes = replace(plan, grid=further, only=(), direction=direction_of_all(space.lines), ego=None)
+    nodes = replace(plan, grid=further, only=(), direction=direction_of_all(space.lines), vehicle=None)
     if nodes.cuts:
         check_cut(pictures, nodes.objects)
     conditions_at((0.0, 0.0), space.lines, space.exposures_s, space.further).exposure(camera)

@@ -78,7 +78,7 @@ def nodes_of(run: Run) -> Nodes:
     where, plan = f"run = {str(run.folder)!r}", run.plan  # of a grid, or of the nodes that a search asked for
     others = {
         "targets or background move separately": plan.cuts,
-        "its camera drives": plan.ego is not None,
+        "its camera drives": plan.vehicle is not None,
         "its pictures follow a trajectory": plan.trajectory is not None,
         "it has lamps": plan.lamps is not None,
         "its camera takes several captures": bool(run.camera.captures),

@@ -28,7 +28,8 @@ from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.datasets import RENDERED_SIZE_PX, Image, Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.measure import charts as quality
-from blurnoise_eval.plan.conditions import SweepPlan, cell_seed
+from blurnoise_eval.plan.conditions import cell_seed
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run import computing as sweep
 from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.scoring.on_picture import Reader

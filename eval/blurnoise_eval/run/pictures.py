@@ -62,14 +62,11 @@ class RunPictures:
 
     def scene(self, picture: Picture) -> Scene:
         """The picture as the run's cells saw it."""
-        plan = self.plan
-        tone, lamps, white = plan.picture_tone, plan.lamps, plan.hdr_white
-        return Scene(picture.load(), plan.grey_anchor, picture, self.objects, tone, lamps, white)
+        return Scene(picture.load(), self.plan, picture)
 
     def expose(self, scene: Scene, cell: Cell, camera: Camera | None = None) -> Frame:
         """A cell's picture, of its scene, as the run took it or through another camera."""
-        plan = self.plan
-        (frame,) = frames(scene, [cell], camera or self.camera, plan.auto_exposure, plan.path, plan.ego)
+        (frame,) = frames(scene, [cell], camera or self.camera)
         return frame
 
     def picture(self, name: str) -> Picture:

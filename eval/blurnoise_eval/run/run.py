@@ -14,12 +14,12 @@ from typing import Any
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.scene import Exposure
 from blurnoise_eval.plan.axes import NAMES, axis
-from blurnoise_eval.plan.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.documents import check_files, validated
-from blurnoise_eval.run.work import cells_per_picture
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.checks import check_rows
 from blurnoise_eval.store.store import Store, StoreError
@@ -171,25 +171,17 @@ class Run:
     def plan(self) -> SweepPlan:
         """The plan of the grid, or of the nodes that a search has asked for so far."""
         with _named(self.store, "plan"):
-            plan = self._plan()
+            nodes = () if self.grid else tuple(at for batch in self.asked for at in batch.conditions)
+            plan = SweepPlan.from_dict(self.planned, self.trajectory, nodes)
             if json.loads(json.dumps(plan.to_dict())) != self.planned:
                 raise ValueError("is none that a sweep writes")
             return plan
-
-    def _plan(self) -> SweepPlan:
-        held = {name: value for name, value in self.planned.items() if name not in ("further", "direction")}
-        held["trajectory"] = self.trajectory
-        if self.grid:
-            return SweepPlan(**held)
-        grid = {name: (value,) for name, value in self.planned["further"].items()}
-        nodes = tuple(at for batch in self.asked for at in batch.conditions)
-        return SweepPlan(grid, **held, only=nodes, direction=tuple(self.planned["direction"]))
 
     def missing_cells(self) -> int:
         """How many of the plan's cells are not there, those of skipped pictures apart."""
         chosen: int = self.planned["repeats"] * sum(len(batch.conditions) for batch in self.asked)
         n_pictures = self.manifest["images"]["count"]
-        per_picture = chosen + (cells_per_picture(self.plan) if self.grid else 1)
+        per_picture = chosen + (self.plan.cells_per_picture if self.grid else 1)
         if not self.grid:
             n_pictures = self.asked[-1].n_pictures if self.asked else 0
         there = queries.count_cells_of_read(self.store)
@@ -198,4 +190,4 @@ class Run:
     def exposure(self, at: Mapping[str, Any]) -> Exposure:
         """The exposure under the conditions of a row, which is not of an original picture."""
         conditions = Conditions(**{axis: at[axis] for axis in NAMES})
-        return conditions.exposure(self.camera, vehicle=self.plan.ego)
+        return conditions.exposure(self.camera, vehicle=self.plan.vehicle)

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.evaluation import Evaluation, evaluate
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.report.run import write_tables
 from blurnoise_eval.run.merging import merge
 from blurnoise_eval.store.queries import write_exports

@@ -16,7 +16,8 @@ from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.plan.axes import NAMES
-from blurnoise_eval.plan.conditions import SweepPlan, cell_seed
+from blurnoise_eval.plan.conditions import cell_seed
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.report.run import read_run
 from blurnoise_eval.run import computing as sweep
 from blurnoise_eval.run import identity
