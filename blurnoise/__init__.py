@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from blurnoise.blur.convolution import defocus, motion_blur
     from blurnoise.blur.layers import Layer, expose_layers
+    from blurnoise.camera import Camera
+    from blurnoise.camera.captures import Capture
+    from blurnoise.camera.radiometry import photoelectrons
+    from blurnoise.camera.spectra import Curve
+    from blurnoise.camera.transfer import Optics
     from blurnoise.light.flicker import Pwm
     from blurnoise.metrics import slanted_edge
     from blurnoise.motion.ego import blur_pixels, velocity_px_s
     from blurnoise.motion.trajectory import Trajectory
-    from blurnoise.optics.camera import Camera
-    from blurnoise.optics.captures import Capture
-    from blurnoise.optics.radiometry import photoelectrons
-    from blurnoise.optics.spectra import Curve
-    from blurnoise.optics.transfer import Optics
     from blurnoise.picture.develop import develop
     from blurnoise.scene.exposure import Exposure
     from blurnoise.scene.metering import AutoExposure
@@ -61,11 +61,11 @@ _MODULES = {
     "metrics": ("slanted_edge",),
     "motion.ego": ("blur_pixels", "velocity_px_s"),
     "motion.trajectory": ("Trajectory",),
-    "optics.camera": ("Camera",),
-    "optics.captures": ("Capture",),
-    "optics.radiometry": ("photoelectrons",),
-    "optics.spectra": ("Curve",),
-    "optics.transfer": ("Optics",),
+    "camera.camera": ("Camera",),
+    "camera.captures": ("Capture",),
+    "camera.radiometry": ("photoelectrons",),
+    "camera.spectra": ("Curve",),
+    "camera.transfer": ("Optics",),
     "picture.develop": ("develop",),
     "scene.exposure": ("Exposure",),
     "scene.metering": ("AutoExposure",),

@@ -42,7 +42,7 @@ from blurnoise._core.threads import differentiable, same_bits
 from blurnoise.blur import convolution, fourier, rows, sub_exposures
 from blurnoise.blur.displacement import Displacement, Readout, spread_px
 from blurnoise.blur.sub_exposures import Sheet
-from blurnoise.optics.transfer import SHARP
+from blurnoise.camera.transfer import SHARP
 
 _PLACE_PX = 1 << 20
 _LONGEST_PX = 4096.0  # of a motion that is cut into sub-exposures

@@ -13,11 +13,11 @@ from blurnoise._core.checks import Numbers, an_instance, limited_motion, limited
 from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layer, ObjectMotion, object_motion
 from blurnoise.blur.sub_exposures import flows
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PLANES
+from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PLANES
-from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
-from blurnoise.optics.spectra import Curve
 
 Number = TypeVar("Number", float, Tensor)
 
@@ -65,8 +65,8 @@ class Conditions(Generic[Number]):
         """
         of_one_exposure(camera)
         batch, size = len(image), (image.shape[-2], image.shape[-1])
-        if camera.cfa not in PLANES and min(size) < 2:
-            must = f"behind cfa = {camera.cfa!r} must be at least 2 x 2"
+        if camera.sensor.cfa not in PLANES and min(size) < 2:
+            must = f"behind cfa = {camera.sensor.cfa!r} must be at least 2 x 2"
             raise ValueError(f"image: {size[1]} x {size[0]} px; {must}")
         exposure = limited_per_image("exposure_s", exposure_s, batch, image)
         lux = limited_per_image("illuminance_lux", illuminance_lux, batch, image)
@@ -132,8 +132,8 @@ def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:
 def of_one_exposure(camera: Camera) -> None:
     """Raise ``TypeError`` for no camera, ``ValueError`` for one of several captures."""
     an_instance("camera", camera, Camera)
-    if camera.captures:
+    if camera.sensor.captures:
         raise ValueError(
-            f"camera: {camera.name!r} makes a picture of {len(camera.captures)} captures; take it with "
+            f"camera: {camera.name!r} makes a picture of {len(camera.sensor.captures)} captures; take it with "
             "blurnoise.scene.hdr.pictures or frames, here there is one exposure (captures=())"
         )

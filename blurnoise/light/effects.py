@@ -12,12 +12,12 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border
 from blurnoise.blur import convolution
+from blurnoise.camera import Camera
+from blurnoise.camera.spectra import Floats
+from blurnoise.camera.transfer import SHARP, Optics
 from blurnoise.light import lens, motion
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.spectra import Floats
-from blurnoise.optics.transfer import SHARP, Optics
 
 EFFECTS: tuple[LightEffect, ...] = (
     lens.DISTORTION, motion.OBJECTS, lens.LATERAL_COLOUR, lens.DEFOCUS, lens.DIFFRACTION, lens.MEASURED_MTF,

@@ -26,10 +26,10 @@ from blurnoise.blur.displacement import Displacement, Floats, Readout
 from blurnoise.blur.layers import Layer, ObjectMotion, plane_of
 from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import SPACING_PX
+from blurnoise.camera import transfer
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DISTORTION
-from blurnoise.optics import transfer
 
 _MARGIN_PX = 8  # of what a fraction of a pixel makes of an edge
 _FAINT = 1e-3  # share of a pixel below which there is no colour
@@ -38,8 +38,12 @@ _FAINT = 1e-3  # share of a pixel below which there is no colour
 def readout_of(at: Conditions[float], size: tuple[int, int]) -> Readout:
     """Row timing of a picture (H, W), which is the largest part of the sensor that has its shape."""
     camera = at.camera
-    row_s = camera.row_time_s / camera.field.per_sensor_px(size) * (1 if camera.scan == "down" else -1)
-    reset = camera.row_time_s > 0 and camera.shutter == "global-reset"
+    row_s = (
+        camera.sensor.row_time_s
+        / camera.field.per_sensor_px(size)
+        * (1 if camera.sensor.scan == "down" else -1)
+    )
+    reset = camera.sensor.row_time_s > 0 and camera.sensor.shutter == "global-reset"
     return Readout(size[0], row_s, at.exposure_s, reset)
 
 
@@ -131,7 +135,7 @@ class Motion(LightEffect):
     name = "motion"
 
     def bound(self, at: Conditions[float]) -> float:
-        """:func:`blurnoise.optics.transfer.motion_error`, or :attr:`blurnoise.motion.trajectory.Polyline.error`."""
+        """:func:`blurnoise.camera.transfer.motion_error`, or :attr:`blurnoise.motion.trajectory.Polyline.error`."""
         moves = displacement(at)
         if moves.polyline is not None:
             return moves.polyline.error
@@ -141,7 +145,7 @@ class Motion(LightEffect):
         if at.objects or at.flow_px is not None:
             return Blur()
         moved = torch.as_tensor(at.displacement_px)
-        if not at.trajectories and not at.camera.row_time_s:
+        if not at.trajectories and not at.camera.sensor.row_time_s:
             return Blur(displacement_px=moved)
         each = list(displacements(at, at.size or at.camera.field.size))
         elsewhere = torch.tensor([one.way != "transfer" for one in each], device=moved.device)
@@ -150,7 +154,7 @@ class Motion(LightEffect):
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Grown by half the displacement to either side, or by what the path covers; of rows, the effect of these."""
-        if at.camera.row_time_s:
+        if at.camera.sensor.row_time_s:
             return boxes_xyxy
         if (along := displacement(at).polyline) is not None:
             return boxes_xyxy + boxes_xyxy.new_tensor(along.box)
@@ -179,11 +183,11 @@ class MotionVariation(_Moving):
     name = "motion variation"
 
     def bound(self, at: Conditions[float]) -> float:
-        """:func:`blurnoise.optics.transfer.motion_variation_error` of what is farthest from the one motion."""
+        """:func:`blurnoise.camera.transfer.motion_variation_error` of what is farthest from the one motion."""
         return transfer.motion_variation_error(float(at.variation_px))
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
-        return Blur() if at.flow_px is None or at.objects or at.camera.row_time_s else None
+        return Blur() if at.flow_px is None or at.objects or at.camera.sensor.row_time_s else None
 
     def how(self, at: Conditions[float]) -> str:
         return f"sub-exposures along each pixel's path, up to {at.variation_px:.3g} px from the middle one"
@@ -200,7 +204,7 @@ class RollingShutter(_Moving):
 
     def bound(self, at: Conditions[float]) -> float:
         """Bound from the largest displacement d, pi d / sqrt(2) RMS, and from the light that rows gain."""
-        if not at.camera.row_time_s:
+        if not at.camera.sensor.row_time_s:
             return 0.0
         moves = displacement(replace(at, size=None))
         readout, by_row = moves.readout, moves.each_row_differs
@@ -213,7 +217,7 @@ class RollingShutter(_Moving):
         return min(1.0, math.pi * farthest / math.sqrt(2)) + float(readout.light.max()) - 1
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
-        return None if at.camera.row_time_s and not at.objects else Blur()
+        return None if at.camera.sensor.row_time_s and not at.objects else Blur()
 
     def how(self, at: Conditions[float]) -> str:
         if at.objects:
@@ -227,12 +231,12 @@ class RollingShutter(_Moving):
         return f"{took}: {x:+.3g}, {y:+.3g} px per row, after the blur"
 
     def key(self, at: Conditions[float]) -> Hashable:
-        rows = at.camera.row_time_s, at.camera.shutter, at.camera.scan, at.exposure_s
+        rows = at.camera.sensor.row_time_s, at.camera.sensor.shutter, at.camera.sensor.scan, at.exposure_s
         return (*rows, at.displacement_px, at.variation_px, at.trajectories) if rows[0] else None
 
     def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Shift the upper and lower edge to their mean rows, and the box sideways as its middle row is."""
-        if not at.camera.row_time_s or not len(boxes_xyxy):
+        if not at.camera.sensor.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
         moves = displacement(at)
         between = boxes_xyxy.detach().cpu().double().numpy() - 0.5  # pixels' centres
@@ -243,7 +247,7 @@ class RollingShutter(_Moving):
 
     def origins(self, points: Floats, at: Conditions[float]) -> Floats:
         """Points less the mean motion in their rows; of points beyond the picture, those of its mirror image."""
-        if not at.camera.row_time_s:
+        if not at.camera.sensor.row_time_s:
             return points
         moves = displacement(at)
         rows, size = np.arange(float(moves.readout.rows)), at.size or at.camera.field.size
@@ -256,7 +260,7 @@ class RollingShutter(_Moving):
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """What boxes cover while their rows are exposed, one after another."""
-        if not at.camera.row_time_s or not len(boxes_xyxy):
+        if not at.camera.sensor.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
         between = boxes_xyxy.detach().cpu().double().numpy() - 0.5
         return torch.from_numpy(displacement(at).covered(between) + 0.5).to(boxes_xyxy)

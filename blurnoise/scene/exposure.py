@@ -14,14 +14,14 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import an_instance, boxes, finite, integer, limited, one_of, picture_size, shown
+from blurnoise.camera.camera import Amplified, Camera
+from blurnoise.camera.lens import pixels
+from blurnoise.camera.spectra import Floats
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Amplified, Camera
-from blurnoise.optics.lens import pixels
-from blurnoise.optics.spectra import Floats
 
 Moves = Literal["all", "targets", "background"]
 MOVES: tuple[Moves, ...] = get_args(Moves)
@@ -149,7 +149,9 @@ class Exposure:
         nine = across[:, :, None].expand(-1, -1, 3), down[:, None].expand(-1, 3, -1)
         places = torch.stack(nine, -1).view(-1, 2)
         moved = self.displacements_px(places, size)
-        if self.trajectory is None and not self.camera.row_time_s:  # all at once, behind the distortion
+        if (
+            self.trajectory is None and not self.camera.sensor.row_time_s
+        ):  # all at once, behind the distortion
             half = moved.abs() / 2 * swept
             each = effects.moved_boxes(places.repeat(1, 2), at, swept=swept) + torch.cat([-half, half], 1)
         else:

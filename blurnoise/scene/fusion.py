@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any, cast
 
@@ -16,10 +15,10 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.checks import LIMITS, an_instance, image_batch, in_range, shown
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, factors, windows
-from blurnoise.optics.colour import Encoding
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture, factors, windows
+from blurnoise.camera.colour import Encoding
+from blurnoise.camera.spectra import Curve
 from blurnoise.picture import steps
 from blurnoise.picture.steps import Development
 
@@ -42,9 +41,9 @@ def fuse(frames: Sequence[Tensor], camera: Camera, captures: Sequence[Capture]) 
         raise ValueError(f"frames: got {len(frames)}; must be one per capture, {len(captures)}, of one shape")
     whole: Tensor | None = None
     for dn, reader, factor in reversed(list(zip(frames, readers, factors(captures), strict=True))):
-        signal_dn = dn - reader.black_level_dn
-        electrons = signal_dn * (factor / reader.system_gain_dn_per_e)
-        level = signal_dn / (reader.saturated_dn - reader.black_level_dn)
+        signal_dn = dn - reader.sensor.black_level_dn
+        electrons = signal_dn * (factor / reader.sensor.system_gain_dn_per_e)
+        level = signal_dn / (reader.sensor.saturated_dn - reader.sensor.black_level_dn)
         weight = ((high - level) / (high - low)).clamp(0.0, 1.0)
         whole = electrons if whole is None else torch.lerp(whole, electrons, weight)
     return cast(Tensor, whole)
@@ -67,7 +66,7 @@ def developed(
     an_instance("camera", camera, Camera)
     least = _LEAST_WHITE_E if isinstance(white_e, Tensor) else in_range("white_e", white_e, 0.0, above=True)
     picture = electrons / torch.as_tensor(white_e).to(electrons).clamp_min(least).view(-1, 1, 1, 1)
-    at = Development(replace(camera, full_well_e=LIMITS["full_well_e"].high), 0.0, encoding, illuminant)
+    at = Development(camera.with_figures(full_well_e=LIMITS["full_well_e"].high), 0.0, encoding, illuminant)
     for step in steps.active(camera):
         if step is not steps.BLACK_LEVEL:
             picture = step.apply(picture, at)
@@ -89,16 +88,16 @@ def noise_e(camera: Camera, captures: Sequence[Capture], electrons: float, *, da
     shared: dict[tuple[float, ...], list[float]] = {}  # by exposure: weight, weighted dark noise, shot noise
     each = zip(captures, readers_of(camera, captures), factors(captures), windows(captures, 1.0), strict=True)
     for count, (capture, reader, factor, (start_s, taken_s)) in enumerate(each, 1):
-        seen, gain = electrons / factor + dark_e * taken_s, reader.system_gain_dn_per_e
-        level = seen * gain / (reader.saturated_dn - reader.black_level_dn)
+        seen, gain = electrons / factor + dark_e * taken_s, reader.sensor.system_gain_dn_per_e
+        level = seen * gain / (reader.sensor.saturated_dn - reader.sensor.black_level_dn)
         share = 1.0 if count == len(captures) else min(1.0, max(0.0, (high - level) / (high - low)))
         weight = remaining * share * factor
         remaining *= 1 - share
         rounding_e2 += (weight / gain) ** 2 / 12
-        shot_e2 = seen * reader.variance_factor(seen)
+        shot_e2 = seen * reader.sensor.variance_factor(seen)
         sums = shared.setdefault((start_s, taken_s, capture.sensitivity), [0.0, 0.0, shot_e2])
         sums[0] += weight
-        sums[1] += weight * reader.dark_noise_e
+        sums[1] += weight * reader.sensor.dark_noise_e
     return math.sqrt(
         rounding_e2 + sum(light**2 * shot_e2 + dark**2 for light, dark, shot_e2 in shared.values())
     )
@@ -112,13 +111,15 @@ def snr_db(camera: Camera, captures: Sequence[Capture], electrons: float, **besi
 
 def dynamic_range_db(camera: Camera, captures: Sequence[Capture]) -> float:
     """Dynamic range, 20 log10: saturation of the last capture over the signal of the first one at SNR 1."""
-    return 20 * math.log10(saturations_e(camera, captures)[-1] / readers_of(camera, captures)[0].threshold_e)
+    return 20 * math.log10(
+        saturations_e(camera, captures)[-1] / readers_of(camera, captures)[0].sensor.threshold_e
+    )
 
 
 def saturations_e(camera: Camera, captures: Sequence[Capture]) -> list[float]:
     """Saturation of each capture in electrons of the first, never falling."""
     readers = readers_of(camera, captures)
-    return [reader.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
+    return [reader.sensor.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
 
 
 def readers_of(camera: Camera, captures: Sequence[Capture]) -> list[Camera]:
@@ -128,10 +129,10 @@ def readers_of(camera: Camera, captures: Sequence[Capture]) -> list[Camera]:
         raise ValueError(f"captures = {shown(captures)}: must be a list of at least one")
     for capture in captures:
         an_instance("captures", capture, Capture)
-        in_range("captures: gain_db", capture.gain_db, 0.0, camera.analogue_gain_max_db)
-    alone = replace(camera, captures=()) if camera.captures else camera
+        in_range("captures: gain_db", capture.gain_db, 0.0, camera.sensor.analogue_gain_max_db)
+    alone = camera.with_figures(captures=()) if camera.sensor.captures else camera
     readers = [alone.at_gain(capture.gain_db).camera for capture in captures]
-    ends = [reader.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
+    ends = [reader.sensor.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
     for place, (end, following) in enumerate(pairwise(ends), 2):
         if following < end * (1 - 1e-9):
             raise ValueError(

@@ -31,15 +31,15 @@ from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layer, Layers, layers_per_picture
 from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import flow_warp, flows
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture, windows
+from blurnoise.camera.colour import Encoding
+from blurnoise.camera.radiometry import electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.flicker import Flicker as Flicker
 from blurnoise.light.motion import displaced, readout_of
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, windows
-from blurnoise.optics.colour import Encoding
-from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.optics.spectra import Curve
 from blurnoise.picture.develop import develop, develop_8bit, in_channels
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.fusion import developed as developed
@@ -77,7 +77,7 @@ def pictures(
     shown_as: dict[str, Any] = {"encoding": encoding, "illuminant": scene.illuminant}
     an_instance("camera", camera, Camera)
     if (
-        not camera.captures and options.get("flicker") is None
+        not camera.sensor.captures and options.get("flicker") is None
     ):  # the usual case, as fast as it was without captures
         reader, digital_db = camera.at_gain(gain_db)
         dn = scene.expose(
@@ -97,7 +97,9 @@ def frames(
 
     white: as :func:`pictures` takes it. lamp_mask: (H, W), the pixels that the lamp lights, see :class:`Flicker`.
     """
-    for plain, group in groupby(exposures, key=lambda each: not each.camera.captures and each.lamp is None):
+    for plain, group in groupby(
+        exposures, key=lambda each: not each.camera.sensor.captures and each.lamp is None
+    ):
         if plain:
             yield from scene.frames(group)
         else:
@@ -134,9 +136,9 @@ def amplified(camera: Camera, gain_db: float) -> tuple[tuple[Capture, ...], floa
     is that of the first capture. Raises ``ValueError`` beyond ``gain_max_db``.
     """
     an_instance("camera", camera, Camera)
-    captures = camera.captures or (Capture(),)
-    in_range("gain_db", gain_db, LIMITS["gain_db"].low, camera.gain_max_db)
-    each = [min(max(gain_db, 0.0) + one.gain_db, camera.analogue_gain_max_db) for one in captures]
+    captures = camera.sensor.captures or (Capture(),)
+    in_range("gain_db", gain_db, LIMITS["gain_db"].low, camera.sensor.gain_max_db)
+    each = [min(max(gain_db, 0.0) + one.gain_db, camera.sensor.analogue_gain_max_db) for one in captures]
     used = tuple(replace(one, gain_db=total) for one, total in zip(captures, each, strict=True))
     return used, gain_db + captures[0].gain_db - each[0]
 

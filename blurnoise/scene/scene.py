@@ -21,13 +21,12 @@ from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import Numbers, an_instance, batch_shaped, image_batch, integer, limited, one_of
 from blurnoise._core.threads import differentiable, same_bits
 from blurnoise.blur.layers import Layer, Layers, layers_per_picture
+from blurnoise.camera import Camera, radiometry
+from blurnoise.camera.colour import PictureTone, picture_tone, untoned
+from blurnoise.camera.spectra import Curve, check_illuminant
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics import radiometry
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PictureTone, picture_tone, untoned
-from blurnoise.optics.spectra import Curve, check_illuminant
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.steps import magnification
 from blurnoise.scene.exposure import Exposure as Exposure
@@ -228,9 +227,11 @@ class ExposedScene:
 
     def _readout(self, needs: Plan, seeds: list[int]) -> ReadoutOptions:
         camera, pattern = needs.camera, None
-        if camera.prnu_total or camera.dsnu_total_e:
+        if camera.sensor.prnu_total or camera.sensor.dsnu_total_e:
             _, colours, *size = self.light.shape
-            pattern = camera.fixed_pattern((radiometry.planes(camera, colours), *size), self.pattern_seed)
+            pattern = camera.sensor.fixed_pattern(
+                (radiometry.planes(camera, colours), *size), self.pattern_seed
+            )
         return ReadoutOptions(seeds, pattern, self.fidelity, needs.noisy, without=needs.without)
 
     def _normal(self, seeds: Sequence[int], like: Tensor, stream: str) -> Tensor:
@@ -306,7 +307,7 @@ def simulate(
     For a camera with a mosaic, or one plane of light, the result is the raw plane (B, 1, H, W); C must be 1 or 3.
 
     image: (B, C, H, W) in [0, 1], the scene's reflectance, 1 is white. encoding: its tone curve, "srgb", "linear",
-    "filmic" or points (light, value), see :mod:`blurnoise.optics.colour`. exposure_s
+    "filmic" or points (light, value), see :mod:`blurnoise.camera.colour`. exposure_s
     (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
     grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": the part of each picture that reflects 18 %; None: brightness is
     reflectance (:mod:`blurnoise.scene.metering`). Light above white is kept. illuminant: the light's spectrum.

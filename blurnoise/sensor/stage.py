@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 from torch import Tensor
 
+from blurnoise.camera import Camera
 from blurnoise.light.conditions import Conditions
-from blurnoise.optics.camera import Camera
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`.stages.noisy_electrons`."""
@@ -89,9 +89,9 @@ class SensorStage(ABC):
 
 def signal_bound_e(at: Conditions[float]) -> float:
     """Electrons of white, but not beyond twice saturation: noise past the clip does not show."""
-    return min(at.white_e, 2 * at.camera.saturation_e)
+    return min(at.white_e, 2 * at.camera.sensor.saturation_e)
 
 
 def within_range_dn(camera: Camera, electrons: float) -> float:
     """An error of so many electrons in DN, which cannot exceed the range."""
-    return min(camera.system_gain_dn_per_e * electrons, camera.full_scale_dn)
+    return min(camera.sensor.system_gain_dn_per_e * electrons, camera.sensor.full_scale_dn)

@@ -24,11 +24,11 @@ from blurnoise._core.checks import (
     one_of,
 )
 from blurnoise._core.threads import same_bits
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone
 from blurnoise.light.flicker import Flicker, Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PictureTone
 from blurnoise.picture.develop import in_channels
 from blurnoise.scene import hdr
 from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of

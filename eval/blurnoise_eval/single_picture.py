@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import Image, Picture
 from blurnoise_eval.plan.axes import axis
@@ -12,7 +12,7 @@ from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.run.exposing import Frame, Scene, frames
 
 if TYPE_CHECKING:
-    from blurnoise_eval.explorer.run import Run
+    from blurnoise_eval.run.run import Run
 
 
 def expose(

@@ -3,6 +3,7 @@
 import inspect
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 
 import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
+from blurnoise.camera.captures import staggered
 from blurnoise.metrics import information, patches, slanted_edge
-from blurnoise.optics.captures import staggered
 from blurnoise.scene.hdr import captured, pictures
 from blurnoise.training.pictures import expose_pictures
 
@@ -37,11 +38,6 @@ DIRECTED = {
     "fidelity": "auto",
 }
 SCENE = {"border": "reflect", "illuminant": "D55", "pattern_seed": 0, "fidelity": "auto", "tolerance_dn": 0.1}
-FIGURES = {
-    name: value
-    for name, value in CAMERA.to_dict().items()
-    if name not in ("sources", "quantum_efficiency", "lens")
-}
 
 ROLLS = blurnoise.Exposure(Camera.preset("ar0237"), 0.01, 10.0, (90.0, 20.0))
 BOXES = torch.tensor([[3.0, 4.0, 9.0, 20.0]])
@@ -64,13 +60,14 @@ METERED |= {"row_time_s": 1e-5, "gain_max_db": 24.0}
 
 
 def fixed_pattern(shape):
-    return CAMERA.fixed_pattern(shape, 0)
+    return CAMERA.sensor.fixed_pattern(shape, 0)
 
 
 CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
-    (blurnoise.Camera, {**FIGURES, "quantum_efficiency": 0.5}),
+    (blurnoise.Camera, {entry.name: getattr(CAMERA, entry.name) for entry in fields(CAMERA)}),
+    *((type(record), vars(record)) for record in (CAMERA.lens, CAMERA.sensor, CAMERA.isp)),
     (fixed_pattern, {"shape": (1, 24, 31)}),
-    (CAMERA.dark_variance_dn2, {"dark_e": 0.0}),
+    (CAMERA.sensor.dark_variance_dn2, {"dark_e": 0.0}),
     (blurnoise.Layer, LAYER),
     (blurnoise.expose_layers, {**MOVED, "background": PICTURES, "layers": [blurnoise.Layer(**LAYER)]}),
     (blurnoise.Curve, {"wavelengths_nm": (400.0, 700.0), "values": (0.1, 0.2)}),

@@ -1,7 +1,6 @@
 """Analytic moments against frames, step by step."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import stage_moments
@@ -15,8 +14,7 @@ from blurnoise.light.conditions import Conditions
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import Frames
 
-BASE = replace(
-    Camera.preset("imx250"),
+BASE = Camera.preset("imx250").with_figures(
     name="bench",
     quantum_efficiency=0.5,
     full_well_e=9000.0,
@@ -32,7 +30,7 @@ PIXELS = 200_000
 
 def frames(camera, mean_photons, **options):
     photons = torch.full((1, 1, 1, PIXELS), mean_photons, dtype=torch.float64)
-    pattern = camera.fixed_pattern((1, 1, PIXELS), seed=3)
+    pattern = camera.sensor.fixed_pattern((1, 1, PIXELS), seed=3)
     given = {"exposure_s": 0.1, "temperature_c": 36.0, "generator": [5], "fixed_pattern": pattern}
     return from_photons(photons, camera, **given, **options)
 
@@ -60,7 +58,7 @@ def expected(camera, mean_photons):
 @pytest.mark.parametrize("mean_photons", [0.0, 3.0, 60.0, 1000.0, 9000.0])
 @pytest.mark.parametrize("read_noise_e", [4.0, 2.0])
 def test_frame_moments(mean_photons, read_noise_e, fidelity):
-    camera = replace(BASE, read_noise_e=read_noise_e)
+    camera = BASE.with_figures(read_noise_e=read_noise_e)
     check(frames(camera, mean_photons, fidelity=fidelity), expected(camera, mean_photons))
 
 
@@ -69,7 +67,7 @@ def test_frame_moments(mean_photons, read_noise_e, fidelity):
     [("system_gain_dn_per_e", 9000.0), ("prnu", 9000.0), ("dark_current_e_s", 0.0), ("dsnu_e", 0.0)],
 )
 def test_a_tenth_off_would_be_noticed(figure, photons):
-    wrong = replace(BASE, **{figure: 1.1 * getattr(BASE, figure)})
+    wrong = BASE.with_figures(**{figure: 1.1 * BASE.figure(figure)})
     with pytest.raises(AssertionError):
         check(frames(BASE, photons), expected(wrong, photons))
 
@@ -86,7 +84,7 @@ def test_every_stage_does_what_its_moments_say(mean_photo_e, law):
     names = ("normal", "read", "prnu", "dsnu")
     fields = {name: rng.standard_normal([seed], like, name) for seed, name in enumerate(names)}
     point = Conditions(BASE, one * 0.1, one * 36.0, white_e=one * mean_photo_e)
-    gain, offset_e = 1 + BASE.prnu * fields["prnu"], BASE.dsnu_e * fields["dsnu"]
+    gain, offset_e = 1 + BASE.sensor.prnu * fields["prnu"], BASE.sensor.dsnu_e * fields["dsnu"]
     noises = {name: fields[name] for name in NOISES[law]}
     at = Frames(BASE, law, one * mean_photo_e, point.dark_e, [7], gain=gain, offset_e=offset_e, **noises)
     signal, moments = torch.ones(shape, dtype=torch.float64), Moments(one, 0 * one, 0 * one)

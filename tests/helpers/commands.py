@@ -14,7 +14,7 @@ from blurnoise_eval import cli
 from blurnoise.motion.ego import Vehicle
 
 Output = pytest.CaptureFixture[str]
-MODULES = {name: f"blurnoise_eval.{name}" for name in ("bench", "gallery", "maps", "paper", "scenes")}
+MODULES = {name: f"blurnoise_eval.{name}" for name in ("bench", "scenes")}
 FLAGS = {"--no-refine": ("refine", False), "--keep-empty": ("keep_empty", True)}
 VEHICLE = {each.name for each in fields(Vehicle)}
 
@@ -23,7 +23,7 @@ def main(words):
     """The command line, or a module's; what is stated as an option and has none is a setting in a file."""
     name, *rest = map(str, words)
     if name in MODULES:
-        module = import_module(MODULES[name] + (".__main__" if name in ("bench", "maps", "paper") else ""))
+        module = import_module(MODULES[name] + (".__main__" if name == "bench" else ""))
         return cli.run_alone(getattr(module, name), f"python -m {MODULES[name]}", rest)
     return cli.main([name, *in_a_file(name, rest)])
 

@@ -14,7 +14,7 @@ from contextlib import closing
 from pathlib import Path
 
 from blurnoise_eval.datasets import rendered_signs
-from blurnoise_eval.evaluation import evaluate
+from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.store import schema
 from plans import plan
 from signs_in_memory import CAMERA
@@ -29,7 +29,7 @@ def small_run(folder, model):
     """A run of one rendered picture, eight conditions and a detector."""
     grid = plan((0.002, 0.01), (20.0, 400.0), (0.0, 300.0), gain_db=("auto",))
     signs = rendered_signs((50,), count=1)
-    evaluate(model, signs, CAMERA, grid, output=folder, refine=False, progress=False)
+    evaluate(model, signs, CAMERA, grid, output=folder, strategy="grid", progress=False)
     return folder
 
 

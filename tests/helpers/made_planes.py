@@ -1,50 +1,15 @@
-"""Planes made by hand: of maps, a grid of lights, exposures and speeds; of programs, two kinds of target."""
+"""Planes made by hand, of two kinds of target, for programs of exposure."""
 
 import math
-from itertools import product
 
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.maps.nodes import nodes_at
 from blurnoise_eval.program.problem import Inputs, Problem
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops
 from blurnoise_eval.run.surface import Predicted
-from made_tables import on_plane, table
-from plans import IMX250, OWN
+from made_tables import on_plane
 
-from blurnoise.optics.camera import PRESETS
-
-KEEP = Criterion(0.9, True)
-
-
-def row(exposure_s, lux, dx=0.0, dy=0.0, **others):
-    """A condition as the store has it, its gain 0 dB unless stated."""
-    at = {"exposure_s": exposure_s, "illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
-    return {"clean": 0, **at, **OWN, "applied_gain_db": 0.0, **others}
-
-
-def plane(
-    exposures_s=(0.001, 0.003, 0.01, 0.03, 0.09),
-    lights_lux=(1.0, 7.0, 50.0, 360.0),
-    speeds=(0.0, 170.0, 600.0),
-):
-    """A grid, no two conditions of which are one experiment."""
-    return nodes_at([row(*at) for at in product(exposures_s, lights_lux, speeds)], IMX250, ())
-
-
-def exact(values):
-    """Values of which sums over a few clusters are exact: of 24 binary places."""
-    return np.round(values * 2**24) / 2**24
-
-
-def scores_at(nodes, values, clusters=12):
-    """A table at the nodes with mean :func:`exact` ``values`` (N,), from which clusters depart, each in its way."""
-    own = exact(0.1 * np.random.default_rng(0).normal(size=(clusters, len(values))))
-    own[-1] = -own[:-1].sum(axis=0)
-    sums = np.nan_to_num(exact(values) + own)
-    counts = np.broadcast_to(np.isfinite(values).astype(float), sums.shape)
-    return table(sums[..., None], np.arange(len(nodes)), counts=counts[..., None], group="signs")
-
+from blurnoise.camera import PRESETS
 
 PICTURES = 24
 LIMITS = Limits()

@@ -1,7 +1,6 @@
 """Every pair of motions by brute force: each pixel's mean over its row's window of what passes it."""
 
 import math
-from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations
 
@@ -123,7 +122,7 @@ def exposed(of, light, flow=None):
     camera = Camera.preset("imx250")
     if of.row_s:
         row_s = of.row_s * camera.field.per_sensor_px((HEIGHT, WIDTH))
-        camera = replace(camera, row_time_s=row_s, shutter="global-reset" if of.reset else "rolling")
+        camera = camera.with_figures(row_time_s=row_s, shutter="global-reset" if of.reset else "rolling")
     by_pixel = of.flow() if flow is None else flow
     at = Conditions.of(
         light,

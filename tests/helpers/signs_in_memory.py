@@ -9,12 +9,12 @@ import numpy as np
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.run import computing as sweep
+from blurnoise_eval.run.computing import compute
 from blurnoise_eval.store.store import Store
 from plans import plan as swept
 
 from blurnoise import Camera, charts
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
 SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64
@@ -82,13 +82,13 @@ def timeless(results):
 
 def rows_of(folder, *arguments, **options):
     with Store(folder, create=True) as store:
-        sweep.run(*arguments, store, **options)
+        compute(*arguments, store, **options)
         return everything(store)
 
 
 def computed(folder, models, shown, engine, plan, **options):
     with Store(folder, create=True) as store:
-        return sweep.run(models, CAMERA, shown, plan, store, engine=engine, **options)
+        return compute(models, CAMERA, shown, plan, store, engine=engine, **options)
 
 
 def unreadable():

@@ -17,8 +17,7 @@ from blurnoise_eval.system.terminal import say, say_json
 if TYPE_CHECKING:
     from blurnoise_eval.bench.contest import Contest
 
-What = Literal["blur", "motion", "noise", "edges", "decide", "sweep", "augment"]
-OF_MODELS = ("decide", "sweep")
+What = Literal["blur", "motion", "sweep", "augment"]
 
 
 def bench(
@@ -26,11 +25,11 @@ def bench(
     *,
     model: Annotated[
         Path | None,
-        Option(metavar="M.onnx", help="detector for sweep and decide (default: the built-in detector)"),
+        Option(metavar="M.onnx", help="detector for sweep (default: the built-in detector)"),
     ] = None,
     contract: Contract = None,
     images: Annotated[
-        Path | None, Option(metavar="DIR", help="pictures for sweep and decide (default: rendered signs)")
+        Path | None, Option(metavar="DIR", help="pictures for sweep (default: rendered signs)")
     ] = None,
     threads: Threads = None,
     output: Annotated[
@@ -50,9 +49,6 @@ def bench(
 
       blur     straight motion blur; also Kornia and OpenCV
       motion   blur by camera shake, and by ego-motion on a road
-      noise    noisy digital numbers, compared with the exact distribution
-      edges    MTF50 of a slanted edge
-      decide   'blurnoise decide' and grids: number of conditions, error of the windows
       sweep    a sweep and plain onnxruntime
       augment  the augmentation, a training step, Kornia, and albumentations and nrtk if installed
 
@@ -62,26 +58,21 @@ def bench(
     DIR/WHAT.png is a chart of time and error; down and left is better. DIR/WHAT.csv has a row per method and case.
     """  # fmt: skip
     for name, value in (("model", model), ("contract", contract), ("images", images)):
-        if value is not None and what not in OF_MODELS:
-            raise ValueError(f"{name}: is for '{' and '.join(OF_MODELS)}' only")
+        if value is not None and what != "sweep":
+            raise ValueError(f"{name}: is for 'sweep' only")
     workers = inputs.threads(threads)
     folder = output or new_folder(f"bench-{what}")
 
     from blurnoise_eval import datasets
-    from blurnoise_eval.bench import augment, contest, decide, edges, motion, noise, sweep
+    from blurnoise_eval.bench import contest, motion, programs
     from blurnoise_eval.system.files import check_outputs
 
     check_outputs(folder, f"{what}.*")
-    contests: dict[str, Any] = {
-        "blur": motion.blur, "motion": motion.motion, "noise": noise.noise, "edges": edges.edges,
-        "augment": augment.augment,
-    }  # fmt: skip
-    if what in OF_MODELS:
-        signs = 3 if what == "sweep" else 8 if quick else 20
-        pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=signs)
+    contests: dict[str, Any] = {"blur": motion.blur, "motion": motion.motion, "augment": programs.augment}
+    if what == "sweep":
+        pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=8)
         detector = inputs.detector(model, contract)
-        contests["sweep"] = partial(sweep.sweep, detector, pictures, workers)
-        contests["decide"] = partial(decide.decide, detector, pictures, workers, folder)
+        contests["sweep"] = partial(programs.sweep, detector, pictures, workers)
     chosen: Contest = contests[what](quick=quick)
     with ProgressBar("bench", len(chosen.cases)) as advance:
         result = contest.run(chosen, quick=quick, threads=workers, progress=advance)

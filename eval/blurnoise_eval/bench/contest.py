@@ -1,4 +1,4 @@
-"""A contest: contenders do the same work on the same cases, and each has a time beside its error.
+"""A contest: contenders do the same work on the same cases; each has a time and an error.
 
 The first contender of a case is the reference of the times. All are timed in turns, so that a change of the machine's
 load meets them alike, and each result is compared with the case's truth.
@@ -41,19 +41,18 @@ class Case:
     """The same work for all contenders.
 
     error: of a result, in the contest's unit; None without a truth. units: the time of a call is divided by it,
-    such as a number of pictures. cost: of a result, where a contest counts something other than time.
+    such as a number of pictures.
     """
 
     name: str
     contenders: Sequence[Contender]
     error: Callable[[Any], float] | None = None
     units: float = 1.0
-    cost: Callable[[Any], float] | None = None
 
 
 @dataclass(frozen=True)
 class Contest:
-    """What is compared: functions that make the cases, the title, and the units of cost and error.
+    """What is compared: functions that make the cases, the title, and the units of time and error.
 
     seconds: how long each contender of a case is timed; a tenth of it in a quick contest.
     """
@@ -61,20 +60,20 @@ class Contest:
     name: str
     title: str
     cases: Sequence[Callable[[], Case]]
-    cost_unit: str = "ms"
+    unit: str = "ms"
     error_unit: str = ""
     seconds: float = 3.0
 
 
 @dataclass(frozen=True)
 class Row:
-    """One contender in one case: the quartiles of its cost, the median over that of the first one, its error."""
+    """A contender in a case: the quartiles of its time, the median relative to that of the first one, its error."""
 
     case: str
     contender: str
     ours: bool
     low: float
-    cost: float
+    time: float
     high: float
     to_first: float
     error: float | None
@@ -96,20 +95,20 @@ class Result:
 
     def document(self) -> dict[str, Any]:
         """Everything, ready for JSON."""
-        about = {name: getattr(self.contest, name) for name in ("title", "cost_unit", "error_unit")}
+        about = {name: getattr(self.contest, name) for name in ("title", "unit", "error_unit")}
         return {**about, "machine": self.machine, "rows": [asdict(row) for row in self.rows]}
 
     def table(self) -> list[str]:
         """A line per case and contender."""
-        heads = ("case", "method", self.contest.cost_unit, "to first", self.contest.error_unit)
+        heads = ("case", "method", self.contest.unit, "to first", self.contest.error_unit)
         rows = [
-            (row.case, row.contender, digits(row.cost), f"{row.to_first:.2f}", digits(row.error))
+            (row.case, row.contender, digits(row.time), f"{row.to_first:.2f}", digits(row.error))
             for row in self.rows
         ]
         return list(table_lines(heads, rows, (False, False, True, True, True)))
 
     def chart(self) -> Figure:
-        """A panel per case: cost against error, both logarithmic; down and left is better. Without errors, cost."""
+        """A panel per case: time against error, both logarithmic; down and left is better. Without errors, time."""
         names = list(dict.fromkeys(row.contender for row in self.rows))
         cases = {case: list(rows) for case, rows in groupby(self.rows, lambda row: row.case)}
         columns = min(3, len(cases) + 1)
@@ -120,7 +119,7 @@ class Result:
                 number = names.index(row.contender)
                 place = -number if row.error is None else max(row.error, 1e-6)
                 axes.plot([row.low, row.high], [place, place], color=f"C{number}", lw=1.2, zorder=2)
-                axes.plot(row.cost, place, zorder=4 if row.ours else 3, **_look(number))
+                axes.plot(row.time, place, zorder=4 if row.ours else 3, **_look(number))
             axes.set(xscale="log", yscale="log" if with_errors else "linear")
             plain_numbers(axes.xaxis, digits=(1, 2, 5))
             if with_errors:
@@ -128,7 +127,7 @@ class Result:
             else:
                 axes.set_yticks([])
             axes.margins(0.15)
-            tidy(axes, x=self.contest.cost_unit, y=self.contest.error_unit if with_errors else None)
+            tidy(axes, x=self.contest.unit, y=self.contest.error_unit if with_errors else None)
             axes.set_title(case, fontsize=9.5, loc="left")
         last.set_axis_off()
         points = [last.plot([], [], ls="", label=name, **_look(n))[0] for n, name in enumerate(names)]
@@ -158,17 +157,14 @@ def run(
 
 def _rows(case: Case, seconds: float, progress: Progress) -> list[Row]:
     results = {each.name: each.call() for each in case.contenders}
-    if case.cost is None:
-        times = in_turns_ms({each.name: each.call for each in case.contenders}, seconds, progress)
-        costs = {name: [value / case.units for value in values] for name, values in times.items()}
-    else:
-        costs = {name: [case.cost(result)] for name, result in results.items()}
-        progress(1)
-    rows, first = [], float(np.median(costs[case.contenders[0].name]))
+    times_ms = in_turns_ms({each.name: each.call for each in case.contenders}, seconds, progress)
+    first_ms = float(np.median(times_ms[case.contenders[0].name]))
+    rows = []
     for each in case.contenders:
-        low, cost, high = np.quantile(costs[each.name], (0.25, 0.5, 0.75)).tolist()
+        low, median, high = np.quantile(times_ms[each.name], (0.25, 0.5, 0.75)).tolist()
         error = None if case.error is None else case.error(results[each.name])
-        rows.append(Row(case.name, each.name, each.ours, low, cost, high, cost / first, error))
+        low, time_ms, high = (quartile / case.units for quartile in (low, median, high))
+        rows.append(Row(case.name, each.name, each.ours, low, time_ms, high, median / first_ms, error))
     return rows
 
 

@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise import Camera, motion_blur
+from blurnoise.camera.colour import linear_from_srgb, srgb_from_linear
+from blurnoise.camera.lens import Lens
+from blurnoise.camera.sensor import Sensor
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import shake
-from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 
 HEIGHT, WIDTH, EXPOSURE_S = 480, 640, 0.01
@@ -32,9 +34,18 @@ ANGLE_DEG = 17.0
 FRAMES = 16
 _MOMENTS = 256
 _GLOBAL = Camera(
-    name="bench", pixel_pitch_um=3.45, f_number=1.4, transmission=1.0, quantum_efficiency=1.0, full_well_e=1e4,
-    system_gain_dn_per_e=0.4, read_noise_e=2.0, black_level_dn=0.0, bit_depth=12, width_px=WIDTH, height_px=HEIGHT,
-)  # fmt: skip
+    "bench",
+    Lens(f_number=1.4, transmission=1.0),
+    Sensor(
+        3.45,
+        1.0,
+        full_well_e=1e4,
+        system_gain_dn_per_e=0.4,
+        read_noise_e=2.0,
+        width_px=WIDTH,
+        height_px=HEIGHT,
+    ),
+)
 _SPEED_M_S = 100.0 / 3.6
 _MARGIN_PX = 36  # of the border, which is not compared
 Picture = NDArray[np.float32]
@@ -101,12 +112,12 @@ def _road() -> Case:
         scale = 1 / (1 + _SPEED_M_S * time * np.maximum(y - middle_y, 0) / (1.4 * focal_px))
         return scale * (x - middle_x) + middle_x, scale * (y - middle_y) + middle_y
 
-    one = Contender("one blur for all", lambda: motion_blur(picture(), mean))
+    shown = picture()
+    one = Contender("one blur for all", lambda: motion_blur(shown, mean))
     ours = _ours(velocity_px_s=torch.from_numpy(flow).float())
     return _against_truth("road at 100 km/h", [ours, one], where)
 
 
-@cache
 def picture() -> Tensor:
     """What moves, linear (1, 3, H, W)."""
     return _tensor(pixels(leaves(HEIGHT, WIDTH)))
@@ -128,9 +139,11 @@ def _uniformly(x_px_s: float, y_px_s: float) -> Where:
 def _ours(**moving: Any) -> Contender:
     """The light of ``simulate`` after its motion, whatever moves."""
 
+    shown = picture()
+
     def call() -> Tensor:
-        at = Conditions.of(picture(), _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
-        return effects.through(picture(), at)
+        at = Conditions.of(shown, _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
+        return effects.through(shown, at)
 
     return Contender("blurnoise", call, True)
 

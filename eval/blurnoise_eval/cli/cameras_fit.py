@@ -99,7 +99,7 @@ def cameras_fit(
     too). The exposures come from EXIF or from frames.csv (file, exposure_s).
     """
     from blurnoise._core import checks
-    from blurnoise.optics.camera import PRESETS
+    from blurnoise.camera import PRESETS
     from blurnoise_eval.calibration import to_camera
     from blurnoise_eval.cameras import figures
 
@@ -159,9 +159,9 @@ def cameras_fit(
         for name, each, unit in found.rows():
             interval = " to ".join(to_camera.ends(each)) if each else ""
             table.add_row(name, f"{each.value:.4g}" if each else "not available", interval, unit)
-        if found.cfa and set(found.cfa) != set(camera.cfa):
+        if found.cfa and set(found.cfa) != set(camera.sensor.cfa):
             notes.append(
-                f"the camera file has the colour filters {camera.cfa} of its base; use --base imx250c for RGGB"
+                f"the camera file has the colour filters {camera.sensor.cfa} of its base; use --base imx250c for RGGB"
             )
         notes += [*(f"warning: {doubt.text}" for doubt in found.doubts), *found.notes]
         notes += [f"{name}: {source}" for name, (_, source) in lux.items()]

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from blurnoise_eval.system.terminal import say_wrapped
 
 if TYPE_CHECKING:
-    from blurnoise.optics.camera import Camera
-    from blurnoise.optics.colour import Cfa
+    from blurnoise.camera import Camera
+    from blurnoise.camera.colour import Cfa
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.plan.files import PlanFile
@@ -29,7 +29,7 @@ def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> 
     camera = default_camera(colour=colour, cfa=cfa) if name is None else find(name)
     if cfa is None:
         return camera
-    return replace(camera, cfa=cfa, sources={**camera.sources, "cfa": "from the command line"})
+    return camera.with_figures(cfa=cfa, sources={**camera.sources, "cfa": "from the command line"})
 
 
 def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | None]:
@@ -38,13 +38,13 @@ def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | N
 
     named = plan.camera is not None
     chosen = camera(plan.camera, cfa=plan.cfa) if named else default_for(pictures, plan.cfa)
-    about = camera_text(chosen, colour=chosen.cfa != "none" or in_colour(pictures))
+    about = camera_text(chosen, colour=chosen.sensor.cfa != "none" or in_colour(pictures))
     return chosen, "; ".join(filter(None, [about, about_lux(plan.camera, chosen)])) or None
 
 
 def about_lux(named: str | None, camera: Camera) -> str | None:
     """A line on how lux are calibrated, for a camera of the user's own file."""
-    from blurnoise.optics.camera import PRESETS
+    from blurnoise.camera import PRESETS
     from blurnoise_eval.calibration.light import lux_text
 
     return None if named in (None, *PRESETS) else lux_text(camera)

@@ -28,12 +28,12 @@ import torch
 from torch import Tensor
 
 from blurnoise import charts, simulate
+from blurnoise.camera import Camera
+from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.light.conditions import of_one_exposure
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
 from blurnoise.metrics.values import BatchEstimate, Estimate
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.measure.edges import Metric
 from blurnoise_eval.plan.axes import EGO, MOVES, blur_px
@@ -65,11 +65,11 @@ class Charts:
     def __init__(self, camera: Camera, conditions: Conditions, repeats: int, seed: int) -> None:
         self._at = conditions.exposure(camera)
         self._camera, digital_db = self._at.amplified
-        self._gain, self._black = 10 ** (digital_db / 20), camera.black_level_dn
-        self._full = self._camera.saturated_dn
+        self._gain, self._black = 10 ** (digital_db / 20), camera.sensor.black_level_dn
+        self._full = self._camera.sensor.saturated_dn
         if digital_db:
             amplified_dn = math.floor((self._full - self._black) * self._gain + self._black)
-            self._full = min(camera.full_scale_dn, amplified_dn)
+            self._full = min(camera.sensor.full_scale_dn, amplified_dn)
         self._moved_px = [abs(moved) for moved in conditions.displacement_px]
         self._repeats, self._seed = repeats, seed
 
@@ -86,7 +86,7 @@ class Charts:
             generator=[cell_seed(self._seed, name, repeat) for repeat in range(self._repeats)],
         )
         amplified = (dn - self._black) * self._gain + self._black
-        return dn if self._gain == 1 else amplified.clamp(0.0, self._camera.full_scale_dn)
+        return dn if self._gain == 1 else amplified.clamp(0.0, self._camera.sensor.full_scale_dn)
 
     @cached_property
     def edges(self) -> tuple[list[SlantedEdge], ...]:
@@ -125,7 +125,7 @@ class Charts:
     def of_sign(self, compare: Callable[..., Tensor]) -> list[Estimate]:
         """A comparison of the stop sign, as a share of white, with its scene; clipping is a part of it."""
         light_e = photoelectrons(self._camera, self._at.illuminance_lux, self._at.exposure_s)
-        white_dn = self._camera.system_gain_dn_per_e * self._gain * light_e
+        white_dn = self._camera.sensor.system_gain_dn_per_e * self._gain * light_e
         seen = ((self._sign - self._black) / (white_dn or math.nan)).clamp(0, 1)
         value = compare(seen, _scenes()["sign"].double().expand_as(seen), data_range=1.0)
         cut = ((self._sign >= self._full) | (self._sign <= 0)).double().mean((1, 2, 3)) > _CLIPPED_SHARE

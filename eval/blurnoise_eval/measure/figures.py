@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise_eval.measure.charts import CLIPPED, METRICS, Row
 from blurnoise_eval.measure.edges import Measured
 from blurnoise_eval.measure.linear import LinearPicture

@@ -17,10 +17,10 @@ import torch
 
 from blurnoise._core import rng
 from blurnoise._core.checks import integer
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PLANES
+from blurnoise.camera.radiometry import dark_electrons
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PLANES
-from blurnoise.optics.radiometry import dark_electrons
 from blurnoise.sensor.readout import read_out
 from blurnoise_eval.calibration import fit, to_camera
 from blurnoise_eval.calibration.checks import CLIPPED
@@ -90,7 +90,7 @@ class Validation:
     def _dim(self) -> set[str]:
         """Flat levels, of which errors say little about the camera."""
         signal = {
-            pair.name: float(pair.real.mean()) - self.camera.black_level_dn
+            pair.name: float(pair.real.mean()) - self.camera.sensor.black_level_dn
             for pair in self.pairs
             if pair.kind == "flat"
         }
@@ -171,9 +171,12 @@ def validate(
         camera = to_camera.camera_of(fitted, "fitted on every other level", base=base)
         lit = half.flat
     else:
-        unlike = f"camera = {camera.name}: has the colour filters {camera.cfa}, but the frames have none"
+        unlike = (
+            f"camera = {camera.name}: has the colour filters {camera.sensor.cfa}, but the frames have none"
+        )
         refuse(
-            files.place is None and camera.cfa not in PLANES, f"{unlike}; use another camera, or set --cfa"
+            files.place is None and camera.sensor.cfa not in PLANES,
+            f"{unlike}; use another camera, or set --cfa",
         )
         camera = _at_gain(camera, lowest_db)
     light = _Light(camera, [(frames[0], _frames(files, frames)) for frames in lit])
@@ -187,7 +190,7 @@ def validate(
     for frames in (*dark, *flat):
         first, planes = frames[0], _frames(files, frames)
         name = f"{first.kind} {first.exposure_s * 1e3:g} ms"
-        if (planes >= camera.clip_dn).mean() > CLIPPED:
+        if (planes >= camera.sensor.clip_dn).mean() > CLIPPED:
             notes.append(f"{name}: is clipped and not compared")
             continue
         real = Stack(planes)
@@ -214,7 +217,7 @@ def validate(
 def _at_gain(camera: Camera, lowest_db: float) -> Camera:
     """The camera at the gain of the frames. Its own gains count from the lowest that it was measured at."""
     zero_db = to_camera.lowest_gain_db(camera)
-    highest_db = zero_db + camera.analogue_gain_max_db
+    highest_db = zero_db + camera.sensor.analogue_gain_max_db
     refuse(
         not zero_db <= lowest_db <= highest_db,
         f"frames: gain_db = {lowest_db:g}; must be {zero_db:g} to {highest_db:g} for the camera {camera.name}",
@@ -238,7 +241,7 @@ class _Light:
         known = [
             (self._x(frame), self.seen(frame, float(planes.mean())))
             for frame, planes in levels
-            if (planes >= camera.clip_dn).mean() <= CLIPPED
+            if (planes >= camera.sensor.clip_dn).mean() <= CLIPPED
         ]
         x, seen = np.array(known).T if known else np.empty((2, 0))
         used = seen > 0
@@ -257,8 +260,8 @@ class _Light:
     def seen(self, frame: Frame, mean_dn: float) -> float:
         """Electrons of the light behind a mean, dark charge removed."""
         camera = self._camera
-        charge = (mean_dn - camera.black_level_dn) / camera.system_gain_dn_per_e
-        return charge - dark_electrons(camera, frame.exposure_s, camera.dark_reference_c)
+        charge = (mean_dn - camera.sensor.black_level_dn) / camera.sensor.system_gain_dn_per_e
+        return charge - dark_electrons(camera, frame.exposure_s, camera.sensor.dark_reference_c)
 
     def electrons(self, frame: Frame, mean_dn: float) -> float:
         """Mean electrons of a level."""
@@ -273,8 +276,8 @@ def _simulated(camera: Camera, frame: Frame, real: Stack, light: _Light, seed: i
     electrons = light.electrons(frame, real.mean_dn)
     shading = np.ones_like(real.mean)
     if electrons:
-        dark = camera.black_level_dn + camera.system_gain_dn_per_e * dark_electrons(
-            camera, frame.exposure_s, camera.dark_reference_c
+        dark = camera.sensor.black_level_dn + camera.sensor.system_gain_dn_per_e * dark_electrons(
+            camera, frame.exposure_s, camera.sensor.dark_reference_c
         )
         shading = np.maximum(real.surface - dark, 0.0)
         shading = shading / shading.mean()
@@ -284,8 +287,8 @@ def _simulated(camera: Camera, frame: Frame, real: Stack, light: _Light, seed: i
         scene,
         camera,
         exposure_s=frame.exposure_s,
-        temperature_c=camera.dark_reference_c,
-        fixed_pattern=camera.fixed_pattern((1, *real.mean.shape), seed),
+        temperature_c=camera.sensor.dark_reference_c,
+        fixed_pattern=camera.sensor.fixed_pattern((1, *real.mean.shape), seed),
         generator=torch.Generator().manual_seed(stream),
         fidelity="full",
     )
@@ -309,13 +312,13 @@ def _errors(
     """
     mean_dn, count = max(simulated.mean_dn, 1e-9), len(simulated.frame_means)
     height, width = simulated.mean.shape
-    gain = camera.system_gain_dn_per_e
-    signal = max(0.0, mean_dn - camera.black_level_dn)
+    gain = camera.sensor.system_gain_dn_per_e
+    signal = max(0.0, mean_dn - camera.sensor.black_level_dn)
     variance = float((simulated.noise**2).mean())
     both = math.sqrt(2)  # the real and the simulated
-    wandering = math.hypot(wandering_dn, camera.black_level_drift_dn) / math.sqrt(count) / mean_dn
-    dark_rows, dark_columns = gain * camera.dsnu_row_e, gain * camera.dsnu_column_e
-    lit_rows, lit_columns = signal * camera.prnu_row, signal * camera.prnu_column
+    wandering = math.hypot(wandering_dn, camera.sensor.black_level_drift_dn) / math.sqrt(count) / mean_dn
+    dark_rows, dark_columns = gain * camera.sensor.dsnu_row_e, gain * camera.sensor.dsnu_column_e
+    lit_rows, lit_columns = signal * camera.sensor.prnu_row, signal * camera.sensor.prnu_column
     pattern = both * math.hypot(
         math.hypot(dark_rows, lit_rows) / math.sqrt(height),
         math.hypot(dark_columns, lit_columns) / math.sqrt(width),
@@ -325,7 +328,7 @@ def _errors(
         pairs = count // 2
         rows, columns = (
             math.hypot(
-                both * math.sqrt(2 / (pairs * lines)) * getattr(camera, name) ** 2,
+                both * math.sqrt(2 / (pairs * lines)) * camera.figure(name) ** 2,
                 _square_error(fitted, name),
             )
             * (gain * gain / variance)

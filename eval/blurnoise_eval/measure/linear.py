@@ -17,10 +17,10 @@ from torch import Tensor
 
 from blurnoise._core import checks
 from blurnoise._core.luminance import LUMINANCE
+from blurnoise.camera.colour import linear_from_srgb
 from blurnoise.metrics import SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.values import CLIPPED_SHARE, Roi
-from blurnoise.optics.colour import linear_from_srgb
 from blurnoise_eval.calibration.tone import Oecf
 from blurnoise_eval.datasets import Image
 

@@ -102,7 +102,7 @@ def _middle(picture: Floats) -> Floats:
 def draw_transfer(found: Validation) -> Figure:
     """Variance over mean of both, the ratio of variances with its interval, and that of means."""
     figure, (transfer, *ratios) = small_multiples(3, 3, (4.2, 3.4), (0.0, 0.3))
-    black = found.camera.black_level_dn
+    black = found.camera.sensor.black_level_dn
     for kind, marker in (("dark", "s"), ("flat", "o")):
         means, variances = found.of("mean", kind), found.of("variance", kind)
         if not means:

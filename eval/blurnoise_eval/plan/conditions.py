@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -25,8 +25,8 @@ from blurnoise_eval.plan.axes import (
 )
 
 if TYPE_CHECKING:
+    from blurnoise.camera import Camera
     from blurnoise.motion.ego import Vehicle
-    from blurnoise.optics.camera import Camera
     from blurnoise.scene.exposure import Exposure
 
 DIFFRACTION_UM = 0.55
@@ -149,9 +149,9 @@ class Conditions(Mapping[str, float | None]):
 @lru_cache(maxsize=256)
 def with_lens(camera: Camera, **figures: float) -> Camera:
     """The camera with other figures of its lens; a stated ``f_number`` brings diffraction, not light alone."""
-    if "f_number" in figures and camera.diffraction_wavelength_um == 0:
+    if "f_number" in figures and camera.lens.diffraction_wavelength_um == 0:
         figures["diffraction_wavelength_um"] = DIFFRACTION_UM
-    return replace(camera, **figures) if figures else camera  # type: ignore[arg-type]
+    return camera.with_figures(**figures) if figures else camera
 
 
 @dataclass(frozen=True)

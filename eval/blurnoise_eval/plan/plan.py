@@ -34,8 +34,8 @@ from blurnoise_eval.plan.reading import anchor_of, tone_of, trajectory_of
 from blurnoise_eval.plan.settings import Setting, Settings, late, nested, setting
 
 if TYPE_CHECKING:
+    from blurnoise.camera.colour import PictureTone
     from blurnoise.motion.ego import Vehicle
-    from blurnoise.optics.colour import PictureTone
     from blurnoise.scene.metering import AutoExposure
     from blurnoise_eval.plan.objects import Objects
     from blurnoise_eval.plan.trajectory_spec import TrajectorySpec

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from blurnoise.optics.colour import PictureTone
+    from blurnoise.camera.colour import PictureTone
     from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
 _TONES = ("srgb", "linear", "filmic")
@@ -26,7 +26,7 @@ def tone_of(given: Any) -> PictureTone:
     ((0.0, 0.0), (0.2, 0.5), (1.0, 1.0))
     """
     from blurnoise._core.files import read_document
-    from blurnoise.optics.colour import picture_tone
+    from blurnoise.camera.colour import picture_tone
 
     value: Any = given
     if isinstance(given, str) and ":" in given and not given.endswith((".yaml", ".yml", ".json")):

@@ -1,10 +1,10 @@
-"""The optimal exposure program: solved, put into few stages, and compared with alternatives.
+"""The optimal exposure program in few stages, compared with other programs.
 
-Domain: lux, s; gain in dB, of stages as a factor, 1 and more; values in the criterion's unit, means over the
-scenario's lights. Stages are libcamera's: from the first time and gain on, as more total exposure (time x gain) is
-asked for, time rises to the next stage's at the present gain, then gain to the next stage's at that time; beyond the
-last stage nothing rises, and in front of the first nothing falls. Last, a time of one or more periods of the mains is
-cut to whole ones and gain makes up for it; a shorter one stays (libcamera 0.7.1, ``AgcChannel::divideUpExposure``).
+Domain: lux, s; gain in dB, that of stages as a factor >= 1; values in the criterion's unit, means over the scenario's
+lights. Stages are libcamera's. With the total exposure (time x gain) that the meter asks for, the time rises to that
+of the next stage at the present gain, then the gain rises to that of the next stage at this time. Before the first
+stage and beyond the last both are constant. Where the mains flicker, the time is then cut to whole periods and the
+gain makes up for it; a time below one period stays (libcamera 0.7.1, ``AgcChannel::divideUpExposure``).
 """
 
 from __future__ import annotations
@@ -25,25 +25,29 @@ from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]
-Places = NDArray[np.int64]
-ENOUGH = 0.002
-"""So much may few stages lose against any number of them, the cost of gain included."""
-GAIN_COSTS = ENOUGH / 6.0
-"""The cost of a decibel of gain, so that of equally good exposures the longer one, with less gain, is used."""
+Indices = NDArray[np.int64]
+MOST_LOSS = 0.002
+"""The most that few stages may lose against any number of them, the cost of gain included."""
+COST_PER_DB = MOST_LOSS / 6.0
+"""The cost of gain: of equally good exposures the longest, with the least gain, is best."""
 EARLY_GAIN_DB = 36.0
-"""The most gain while a longer exposure is allowed: 16 of the sensor, the most in the modes that libcamera has for
-its cameras, times 4, the most that it adds digitally (``AgcChannel::prepare``)."""
+"""The most gain while the exposure can still rise: 16 of the sensor, the most in libcamera's modes, times 4, the most
+that it adds digitally (``AgcChannel::prepare``)."""
 
 
 @dataclass(frozen=True)
 class Stages:
-    """Times and gains, two or more, neither ever falling; the first is where the least light ends."""
+    """Two or more times and gains, neither of which ever falls; the brightest light gets the first.
+
+    >>> Stages((0.001, 0.01, 0.03), (1.0, 1.0, 4.0)).divided(0.06)
+    (0.03, 2.0)
+    """
 
     times_s: tuple[float, ...]
     gains: tuple[float, ...]
 
     def divided(self, total_s: float) -> tuple[float, float]:
-        """Time and gain for a total exposure, as libcamera divides it up."""
+        """Time and gain for a total exposure (time x gain), as libcamera divides it up."""
         time, gain = self.times_s[0], self.gains[0]
         for next_time, next_gain in zip(self.times_s[1:], self.gains[1:], strict=True):
             if time * gain >= total_s:
@@ -62,10 +66,13 @@ STOCK = {
 
 @dataclass(frozen=True)
 class Program:
-    """Stages and their schedule over the scenario's lights; tested_s: the shortest exposure that was tested, below
-    which the first stage is extrapolated; best: the schedule of as many stages as gain anything. baselines: what else
-    a camera may do, by its name. low, high: the 95 % interval of the schedule's value; regret_95: what it loses at
-    most at 95 % against any other exposures; None from few pictures."""
+    """Stages and their schedule over the scenario's lights.
+
+    tested_s: the shortest tested exposure; shorter ones are extrapolated. best: the schedule without a limit on the
+    number of stages. best_fixed_s: the best exposure for all lights. baselines: other programs, by name. low, high:
+    95 % interval of the schedule's value. regret_95: 95 % bound of the loss against the best exposure at each light.
+    The last three are None from few pictures.
+    """
 
     problem: Problem
     stages: Stages
@@ -79,12 +86,12 @@ class Program:
     regret_95: float | None
 
     def extrapolates(self, exposure_s: float) -> bool:
-        """Whether an exposure is shorter than what was tested."""
+        """Whether an exposure is shorter than any that was tested."""
         return exposure_s < self.tested_s * (1 - 1e-9)
 
 
 def optimise(problem: Problem) -> Program:
-    """The program, in the fewest stages that lose less than ``ENOUGH`` against any number of them.
+    """The program with the fewest stages that lose at most ``MOST_LOSS`` against any number of them.
 
     Raises ``ValueError`` that names the lights at which no exposure is left.
     """
@@ -93,72 +100,104 @@ def optimise(problem: Problem) -> Program:
     for light, row in zip(lights, objective, strict=True):
         if not np.isfinite(row).any():
             raise problem.nothing_left([light])
-    totals = [problem.inputs.metering.total_s(light) for light in lights]
+    totals_s = problem.totals_s
     tested_s = np.array(times)[np.isfinite(objective).any(axis=0)].tolist()
-    ways = _staged(problem, totals, tested_s[0], tested_s[-1])
+    programs = _staged(problem, totals_s, tested_s[0], tested_s[-1])
 
-    def schedule(stages: Stages) -> Schedule:
-        return problem.schedule([limits.settled(stages.divided(total)[0]) for total in totals])
+    def scheduled(stages: Stages) -> Schedule:
+        return problem.schedule([limits.settled(stages.divided(total_s)[0]) for total_s in totals_s])
 
-    (most, reached), enough = ways[-1], ENOUGH * len(lights)
-    tested = next(stages for stages, worth in ways if worth >= reached - enough)
-    # more light than was tested is met by shorter exposures, also than the lamps need: no camera goes below its first
-    # stage
-    found = replace(tested, times_s=(min(limits.first_s, tested.times_s[0]), *tested.times_s[1:]))
-    ours = schedule(found)
-    if None in ours.values:
-        raise problem.nothing_left([lights[ours.values.index(None)]])
-    baselines, fixed_s = {}, problem.inputs.recommended_s
-    asked_else = problem.scenario != problem.inputs.scenario
-    if asked_else or fixed_s is None or not np.isclose(limits.settled(fixed_s), fixed_s, rtol=1e-9):
-        place = best_exposure(times, np.mean(objective, axis=0))
-        fixed_s = None if place is None else times[place]
+    most_stages, most_worth = programs[-1]
+    fewest = next(stages for stages, worth in programs if worth >= most_worth - MOST_LOSS * len(lights))
+    # No camera goes below its first stage, and the sun is brighter than any tested light: there exposures must be
+    # shorter than tested, and shorter than a period of the lamps.
+    extended = replace(fewest, times_s=(min(limits.first_s, fewest.times_s[0]), *fewest.times_s[1:]))
+    schedule = scheduled(extended)
+    if None in schedule.values:
+        raise problem.nothing_left([lights[schedule.values.index(None)]])
+    fixed_s = _best_fixed_s(problem, objective)
+    low, high = interval_of(problem, schedule)
+    return Program(
+        problem=problem,
+        stages=extended,
+        tested_s=fewest.times_s[0],
+        schedule=schedule,
+        best=scheduled(most_stages),
+        best_fixed_s=fixed_s,
+        baselines=_baselines(problem, fixed_s),
+        low=low,
+        high=high,
+        regret_95=regret_of(problem, schedule, times, objective),
+    )
+
+
+def _best_fixed_s(problem: Problem, objective: Array) -> float | None:
+    """The best exposure for all lights: that of the run's report if it answers the same question, else that of this
+    objective (L, S); None where every one was left out at some light."""
+    recommended_s = problem.inputs.recommended_s if problem.scenario == problem.inputs.scenario else None
+    if recommended_s is not None and math.isclose(problem.limits.settled(recommended_s), recommended_s):
+        return recommended_s
+    index = best_exposure(problem.times_s, np.mean(objective, axis=0))
+    return None if index is None else problem.times_s[index]
+
+
+def _baselines(problem: Problem, fixed_s: float | None) -> dict[str, Schedule]:
+    """Other programs by name: the best fixed exposure, and libcamera's modes as far as the frame rate allows."""
+    baselines, limits = dict[str, Schedule](), problem.limits
     if fixed_s is not None:
-        baselines[f"best fixed time, {milliseconds(fixed_s)} ms"] = problem.schedule([fixed_s] * len(lights))
+        n_lights = len(problem.scenario.lights_lux)
+        baselines[f"best fixed time, {milliseconds(fixed_s)} ms"] = problem.schedule([fixed_s] * n_lights)
     for name, stock in STOCK.items():
         limited = replace(stock, times_s=tuple(min(time, limits.limit_s) for time in stock.times_s))
-        within = "" if limited == stock else f", to {milliseconds(limits.limit_s)} ms"
-        taken = [limited.divided(total)[0] for total in totals]
-        if limits.mains_hz and not np.allclose(list(map(limits.settled, taken)), taken, rtol=0.02):
-            within += ", flickers"
-        baselines[name + within] = problem.schedule(taken)
-    return Program(
-        problem, found, tested.times_s[0], ours, schedule(most), fixed_s, baselines,
-        *interval_of(problem, ours), regret_of(problem, ours, times, objective),
-    )  # fmt: skip
+        remark = "" if limited == stock else f", to {milliseconds(limits.limit_s)} ms"
+        exposures_s = [limited.divided(total_s)[0] for total_s in problem.totals_s]
+        if limits.mains_hz and not np.allclose(
+            list(map(limits.settled, exposures_s)), exposures_s, rtol=0.02
+        ):
+            remark += ", flickers"
+        baselines[name + remark] = problem.schedule(exposures_s)
+    return baselines
 
 
 def _staged(
     problem: Problem, totals_s: Sequence[float], low_s: float, high_s: float
 ) -> list[tuple[Stages, float]]:
-    """The best programs of each number of stages, with times between two, and their sums of worth."""
+    """The best stages of each number, with times from low to high, and the sum of their worth over the lights."""
     limits, metering = problem.limits, problem.inputs.metering
     lattice = exposures_on((low_s, high_s), STEPS_PER_STOP).tolist()
     worth = problem.objective([limits.settled(min(time, high_s)) for time in lattice])
-    worth -= GAIN_COSTS * problem.gains_db(lattice)
-    most_db = min(limits.gain_max_db, metering.camera.gain_max_db)
-    ways = best_stages(worth, totals_s, lattice, 10 ** (most_db / 20), 10 ** (EARLY_GAIN_DB / 20))
-    if not ways:
+    worth -= COST_PER_DB * problem.gains_db(lattice)
+    most_db = min(limits.gain_max_db, metering.camera.sensor.gain_max_db)
+    programs = best_stages(worth, totals_s, lattice, 10 ** (most_db / 20), 10 ** (EARLY_GAIN_DB / 20))
+    if not programs:
         raise problem.nothing_left(problem.scenario.lights_lux[:: len(totals_s) - 1 or 1])
-    return ways
+    return programs
 
 
-def interval_of(problem: Problem, ours: Schedule) -> tuple[float | None, float | None]:
-    """95 % of a schedule's value; None from few pictures."""
-    objective, influence, cov = problem.uncertain(problem.scenario.lights_lux, ours.exposures_s)
+def interval_of(problem: Problem, schedule: Schedule) -> tuple[float | None, float | None]:
+    """95 % interval of a schedule's value; None from few pictures."""
+    objective, influence, cov = problem.uncertain(problem.scenario.lights_lux, schedule.exposures_s)
     sigma = np.sqrt(max(float(cov.mean()), 0.0))
     low, high = uncertainty.of_level(objective.mean(), influence.mean(axis=1), problem.most, sigma)
     return finite(float(low)), finite(float(high))
 
 
-def regret_of(problem: Problem, ours: Schedule, times_s: Sequence[float], objective: Array) -> float | None:
-    """Mean over the lights of what the schedule loses at most, each against the best exposure there, paired."""
+def regret_of(
+    problem: Problem, schedule: Schedule, times_s: Sequence[float], objective: Array
+) -> float | None:
+    """95 % bound of a schedule's loss, its mean over the lights. At each light the schedule is compared with every
+    other exposure on the same pictures. objective: (L, S)."""
     bounds = []
-    for light, exposure, row in zip(problem.scenario.lights_lux, ours.exposures_s, objective, strict=True):
+    for light, exposure, row in zip(
+        problem.scenario.lights_lux, schedule.exposures_s, objective, strict=True
+    ):
         others = [time for time, value in zip(times_s, row, strict=True) if np.isfinite(value)]
         value, influence, cov = problem.uncertain([light] * (1 + len(others)), [exposure, *others])
-        away, sigma = influence[:, 1:] - influence[:, [0]], uncertainty.sigma_of_differences(cov, 0)[1:]
-        bounds.append(float(uncertainty.regret_bound(away, value[1:] - value[0], sigma=sigma)))
+        differences, sigma = (
+            influence[:, 1:] - influence[:, [0]],
+            uncertainty.sigma_of_differences(cov, 0)[1:],
+        )
+        bounds.append(float(uncertainty.regret_bound(differences, value[1:] - value[0], sigma=sigma)))
     return finite(float(np.mean(bounds)))
 
 
@@ -169,37 +208,40 @@ def best_stages(
     most_gain: float,
     early_gain: float = math.inf,
 ) -> list[tuple[Stages, float]]:
-    """The best programs of at most 1, 2 ... stages, with their sums of worth, as long as another stage may gain
-    anything; none where none is allowed.
+    """The best stages of at most 1, 2, ... in number, with the sum of their worth, until another gains nothing; an
+    empty list where no program is allowed.
 
-    worth: (L, I) of each light at each of ``times_s`` (I,), equally many stops apart and rising, NaN where it is not
-    allowed; totals_s: (L,) what each light asks for, times gain; early_gain: the most gain at any time but the
-    longest. Gains have the times' steps. Of programs on that lattice these are the best: dynamic programming over
-    paths that rise by one step of time (i) or of gain (j) from the first time and gain on. A path of a stage rises
-    in time, then in gain; it meets a light that asks for i + j steps.
+    worth: (L, I) of each light at each of ``times_s`` (I,), NaN where it is not allowed; the times rise by equal
+    steps in stops. totals_s: (L,) exposure times gain that each light asks for. most_gain: at the longest time;
+    early_gain: at any other.
+
+    Gains have the same steps as times, so a program is a path on a lattice of time steps i and gain steps j that
+    begins at (0, 0), and a stage is a rise in time followed by a rise in gain. A light that asks for n steps is met
+    where the path has i + j = n. Dynamic programming finds the best path of each number of stages.
     """
     n_times = len(times_s)
     step = math.log2(times_s[1] / times_s[0]) if n_times > 1 else 0.125
     asked = np.maximum(np.rint(np.log2(np.asarray(totals_s) / times_s[0]) / step), 0).astype(int)
+    # a gain of exactly n steps has n steps, whatever the logarithm's rounding
     gains, early = (
-        math.floor(math.log2(each) / step + 1e-9) for each in (most_gain, min(most_gain, early_gain))
+        math.floor(math.log2(gain) / step + 1e-9) for gain in (most_gain, min(most_gain, early_gain))
     )
     reach = max(1, min(int(asked.max()), n_times - 1 + gains))
-    of_steps = np.zeros((reach + 2, n_times))  # worth of all lights that ask for so many steps
+    of_steps = np.zeros((reach + 2, n_times))  # (n, i): worth at time i of all lights that ask for n steps
     np.add.at(of_steps, np.minimum(asked, reach), np.where(np.isnan(worth), -np.inf, worth))
-    of_more = np.cumsum(of_steps[::-1], axis=0)[::-1]
+    of_more = np.cumsum(of_steps[::-1], axis=0)[::-1]  # of all that ask for n or more
     i, j = np.indices((n_times, gains + 1))
     steps = np.minimum(i + j, reach)
     allowed = (i + j <= reach) & ((j <= early) | (i == n_times - 1))
     met = np.where(allowed, of_steps[steps, i], -np.inf)
-    # the darkest light is reached, or the most gain, at which all darker lights stay
+    # A path may end at the darkest light, or at the most gain: all darker lights then get the same exposure.
     may_end = allowed & (i + j > 0) & ((i + j == reach) | (j == gains))
     darker = np.where(may_end, of_more[steps + 1, i], -np.inf)
 
     best = np.full(met.shape, -np.inf)
     best[0, 0] = met[0, 0]
-    risen: list[tuple[Places, Places]] = []
-    found: list[tuple[Stages, float]] = []
+    risen: list[tuple[Indices, Indices]] = []
+    programs: list[tuple[Stages, float]] = []
     before: Array | None = None
     while before is None or not np.array_equal(best, before):
         before = best
@@ -208,20 +250,21 @@ def best_stages(
         best = transposed.T
         risen.append((from_time, from_gain.T))
         total = best + darker
-        ends = np.argwhere(total == total.max())
+        ends = np.argwhere(total == total.max())  # of equal ends the darkest light's, with the most gain
         end = ends[np.lexsort((ends[:, 0], ends.sum(axis=1)))[0]]
         if np.isfinite(total.max()):
             corners = _corners(risen, int(end[0]), int(end[1]))
             times = tuple(float(times_s[time]) for time, _ in corners)
             stages = Stages(times, tuple(float(2 ** (gain * step)) for _, gain in corners))
-            found.append((stages, float(total.max())))
-    return found
+            programs.append((stages, float(total.max())))
+    return programs
 
 
-def _rising(best: Array, met: Array, early: bool) -> tuple[Array, Places]:
-    """Sums after any number of steps along the first axis, and the place there from which they rise.
+def _rising(best: Array, met: Array, early: bool) -> tuple[Array, Indices]:
+    """Best sums (I, J) after a rise along the first axis, and the index at which that rise begins.
 
-    Of equal ways the one that begins to rise ``early``, or the one that does late.
+    early: of equal rises the one that begins first is taken, else the one that begins last. So times rise early and
+    gains late: equal programs use little gain.
     """
     sums = best.copy()
     begun = np.repeat(np.arange(len(best))[:, None], best.shape[1], axis=1)
@@ -233,8 +276,8 @@ def _rising(best: Array, met: Array, early: bool) -> tuple[Array, Places]:
     return sums, begun
 
 
-def _corners(risen: Sequence[tuple[Places, Places]], i: int, j: int) -> list[tuple[int, int]]:
-    """Steps of time and gain where each stage of the path to (i, j) ends, the start first; each once."""
+def _corners(risen: Sequence[tuple[Indices, Indices]], i: int, j: int) -> list[tuple[int, int]]:
+    """Steps of time and gain at which the stages of the path to (i, j) end, the start first, without repeats."""
     corners = [(i, j)]
     for from_time, from_gain in reversed(risen):
         j = int(from_gain[i, j])

@@ -1,6 +1,8 @@
 """The problem of an exposure program: a model's score at any light and exposure of a scenario, within limits.
 
-Domain: lux, s, dB; values in the criterion's unit. Values exist only where the run has tested.
+Domain: lux, s, dB; values in the criterion's unit. Light times exposure and motion in px decide what a picture looks
+like (:mod:`blurnoise_eval.answers.plane`), so scores are read off a surface over these two, one for each kind of
+target. They are missing wherever the run has not tested.
 """
 
 from __future__ import annotations
@@ -15,29 +17,30 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.plane import places_of
-from blurnoise_eval.deciding.decision import on_lines, question_of
 from blurnoise_eval.plan.axes import AUTOMATIC, FURTHER, LIGHT, axis
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.run.run import Run
-from blurnoise_eval.run.score_tables import run_averages, score_tables, withheld_models
 from blurnoise_eval.run.search_space import SearchSpace, what_breaks
 from blurnoise_eval.run.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.scoring.uncertainty import influence, ratio_of_sums
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.store import StoreError
 from blurnoise_eval.system.tables import finite
 
 GREY = 0.18
-"""Mean light that is assumed of pictures all of whose gains are at a limit."""
+"""The mean light of pictures, a share of white, where all gains of the run are at a limit and do not show it."""
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """A model's planes by targets in a run, and what goes with them. scenario: what the run was asked, all alike.
-    exposures_s: from the least to the greatest; recommended_s: what the run's report recommends for all conditions.
-    notes: what was left out or assumed."""
+    """What a run knows of a model.
+
+    planes: its score by kind of target. scenario: the lights, speeds and targets of the run, with equal shares.
+    exposures_s: the shortest and the longest of the run. recommended_s: the exposure that the run's report recommends
+    for all conditions. notes: what was left out or assumed.
+    """
 
     model: str
     criterion: Criterion
@@ -49,64 +52,74 @@ class Inputs:
     notes: tuple[str, ...] = ()
 
 
-def inputs_of(store: Store, criterion: Criterion, model: str | None = None) -> Inputs:
+def inputs_of(run: Run, model: str | None = None) -> Inputs:
     """The inputs of one model; the run's only one unless named.
 
     Raises ``ValueError`` for a run that has no program: several settings or directions of motion, a fixed gain, a
     camera or a motion for which the plane does not hold.
     """
-    run, where = Run(store), f"run = {str(store.folder)!r}"
-    without_answers = withheld_models(store, criterion.cluster)
-    names = [name for name in run.models if name not in without_answers]
-    chosen = names[0] if model is None and len(names) == 1 else model
-    if chosen not in names:
-        unfit = "".join(f"; {name}: {reason}" for name, reason in without_answers.items())
-        given = "model: missing" if model is None else f"model = {chosen!r}"
-        raise ValueError(f"{where}: {given}: must be one of {', '.join(names)}{unfit}")
-    of_model = [each for each in score_tables(store, criterion) if each.model == chosen]
-    tables = [each for each in of_model if not each.knows_too_little]
-    little = [each.group for each in of_model if each.knows_too_little]
+    where, name = f"run = {str(run.folder)!r}", _name_of(run, model)
+    of_model = [table for table in run.score_tables() if table.model == name]
+    tables = [table for table in of_model if not table.knows_too_little]
     notes = [
-        f"{group}: left out, because the model finds too few of them in the original pictures"
-        for group in little
+        f"{table.group}: left out, because the model finds too few of them in the original pictures"
+        for table in of_model
+        if table.knows_too_little
     ]
-    every_plane = [plane for table in tables for plane in table.on_plane()]
-    if not every_plane:
+    nodes = [plane for table in tables for plane in table.on_plane()]
+    if not nodes:
         raise StoreError(f"{where}: has no targets under any light")
-    asked = question_of(store) or SearchSpace(run.grid)
-    question = SearchSpace({**asked.grid, LIGHT.name: [lux for lux in asked.grid[LIGHT.name] if lux]})
-    setting = {name: float(every_plane[0].conditions[name][0]) for name in FURTHER}
+    grid = (run.setup.search_space or SearchSpace(run.setup.grid)).grid
+    # in the dark every exposure gives the same picture, and the logarithm of the light has no end
+    space = SearchSpace({**grid, LIGHT.name: [lux for lux in grid[LIGHT.name] if lux]})
+    setting = {name: float(nodes[0].conditions[name][0]) for name in FURTHER}
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])
         raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
     camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
-    if because := what_breaks(camera, question, run.trajectory, pulsed=run.plan.pulsed):
+    if because := what_breaks(camera, space, run.plan.trajectory, pulsed=run.plan.pulsed):
         raise ValueError(f"{where}: cannot give a program: {'; '.join(because)}")
-    light = mean_light(queries.gains_set(store, every_plane[0].model), camera)
+    with run.store as store:
+        light = mean_light(queries.gains_set(store, name), camera)
     if light is None:
         notes.append(
             f"the gains of the run do not show how bright its pictures are; {GREY:g} of white is assumed"
         )
-    lights = half_stops(min(question.grid[LIGHT.name]), max(question.grid[LIGHT.name]))
-    speeds = dict.fromkeys(sorted({line.speed_px_s for line in question.lines}), 1.0)
-    planes = {each.group: Predicted(each, Trend.of(camera)) for each in every_plane}
-    choice = run_averages(store, on_lines(store, iter(tables)), criterion.level)[0].choose()
+    lights = half_stops(min(space.grid[LIGHT.name]), max(space.grid[LIGHT.name]))
+    speeds = dict.fromkeys(sorted({line.speed_px_s for line in space.lines}), 1.0)
+    planes = {table.group: Predicted(table, Trend.of(camera)) for table in nodes}
+    choice = run.averages(tables)[0].choose()
     return Inputs(
-        model=every_plane[0].model,
-        criterion=criterion,
+        model=name,
+        criterion=run.criterion,
         planes=planes,
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
         scenario=Scenario(lights, speeds, dict.fromkeys(planes, 1.0)),
-        exposures_s=question.exposures_s,
+        exposures_s=space.exposures_s,
         recommended_s=None if choice is None else choice["exposure_s"],
         notes=tuple(notes),
     )
 
 
+def _name_of(run: Run, model: str | None) -> str:
+    """The name of the model, which may be left out where the run has only one. Raises ``ValueError``."""
+    names = [name for name in run.setup.models if name not in run.withheld]
+    if model is None and len(names) == 1:
+        return names[0]
+    if model is None or model not in names:
+        reasons = "".join(f"; {name}: {reason}" for name, reason in run.withheld.items())
+        given = "model: missing" if model is None else f"model = {model!r}"
+        must = f"must be one of {', '.join(names)}{reasons}"
+        raise ValueError(f"run = {str(run.folder)!r}: {given}: {must}")
+    return model
+
+
 class Schedule(NamedTuple):
-    """Exposures and gains over the scenario's lights, (L,) each; lacks_gain: whether the gain's limit is reached;
-    values: the objective, None where it was not tested. value: their mean; worst_speed: the least mean of a speed
-    over the lights."""
+    """Exposures and gains over the scenario's lights, (L,) each.
+
+    lacks_gain: whether the camera's gain is at its limit. values: of the objective, None where it was not tested;
+    value: their mean. worst_speed: the mean over lights and targets at the speed at which it is lowest.
+    """
 
     exposures_s: tuple[float, ...]
     gains_db: tuple[float, ...]
@@ -118,8 +131,11 @@ class Schedule(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A run's planes and metering, the scenario of a program, and its limits. Pairs are of light and exposure, (M,)
-    each; K cases, L lights, S exposures."""
+    """A run's planes and metering, the scenario of a program, and its limits.
+
+    Methods that take lights and exposures take M of each, in pairs. Shapes: K cases of the scenario, L lights, S
+    exposures, C clusters of pictures.
+    """
 
     inputs: Inputs
     scenario: Scenario
@@ -131,7 +147,7 @@ class Problem:
 
     @cached_property
     def clusters(self) -> tuple[str, ...]:
-        """Of all targets."""
+        """Clusters of pictures with any of the targets, (C,)."""
         return tuple(dict.fromkeys(cluster for plane in self._planes for cluster in plane.clusters))
 
     @property
@@ -141,18 +157,23 @@ class Problem:
 
     @property
     def _range(self) -> tuple[Array, Array]:
-        """The least and the greatest light times exposure, lux s, and motion, px, of all planes."""
+        """The least and the greatest light times exposure, lux s, and motion, px, that all planes cover."""
         low = np.max([plane.places.min(axis=0) for plane in self._planes], axis=0)
         high = np.min([plane.places.max(axis=0) for plane in self._planes], axis=0)
         return np.exp2(low), np.exp2(high)
 
     @cached_property
     def times_s(self) -> tuple[float, ...]:
-        """Allowed exposures that were asked for, and tested at some light, rising, (S,)."""
+        """The allowed exposures of the run that it covers at one light at least, rising, (S,)."""
         (low, _), (high, _) = self._range
         asked_s = self.inputs.exposures_s
         shortest_s = max(float(low / self.scenario.lights_lux[-1]), asked_s[0])
         return self.limits.candidates(shortest_s, min(float(high / self.scenario.lights_lux[0]), asked_s[1]))
+
+    @cached_property
+    def totals_s(self) -> tuple[float, ...]:
+        """The exposure times gain that the camera's meter asks for, (L,)."""
+        return tuple(map(self.inputs.metering.total_s, self.scenario.lights_lux))
 
     def nothing_left(self, lights_lux: Sequence[float]) -> ValueError:
         """The error where no exposure is left at these lights."""
@@ -166,22 +187,25 @@ class Problem:
         )
 
     def predicted(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> list[tuple[Array, Array]]:
-        """Of each case sums and counts (C, M), NaN outside what was tested."""
-        found = []
+        """For each case the sums of scores and the counts of targets by cluster, (C, M) each; NaN where the run has
+        not tested."""
+        predicted = []
         for speed, target in self.scenario.cases:
             plane, places = self.inputs.planes[target], places_of(exposures_s, lights_lux, speed)
             tested = np.where(plane.inside(places), 1.0, np.nan)
             sums, counts = plane.on(places)
-            found.append((sums * tested, counts * tested))
-        return found
+            predicted.append((sums * tested, counts * tested))
+        return predicted
 
     def at(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> tuple[Array, Array]:
-        """Values at pairs: (K, M) of the cases, NaN outside what was tested; (M,) of the objective."""
-        cases = np.array([ratio_of_sums(*each) for each in self.predicted(lights_lux, exposures_s)])
+        """Mean scores (K, M) of the cases, and of the objective (M,); NaN where the run has not tested."""
+        cases = np.array(
+            [ratio_of_sums(sums, counts) for sums, counts in self.predicted(lights_lux, exposures_s)]
+        )
         return cases, np.asarray((self.scenario.weights(cases) * cases).sum(axis=0))
 
     def objective(self, times_s: Sequence[float]) -> Array:
-        """(L, S) of these exposures, NaN where it was not tested or the gain is not allowed."""
+        """Objective (L, S) at these exposures; NaN where the run has not tested or the gain is above the limit."""
         lights = np.repeat(self.scenario.lights_lux, len(times_s))
         _, values = self.at(lights, np.tile(times_s, len(self.scenario.lights_lux)))
         gains_db = self.gains_db(times_s)
@@ -189,12 +213,12 @@ class Problem:
         return np.where(allowed, values.reshape(gains_db.shape), np.nan)
 
     def gains_db(self, times_s: Sequence[float]) -> Array:
-        """(L, S)."""
+        """The gains (L, S) that the camera's meter sets at these exposures."""
         gain_db = self.inputs.metering.gain_db
         return np.array([[gain_db(lux, time) for time in times_s] for lux in self.scenario.lights_lux])
 
     def schedule(self, exposures_s: Sequence[float]) -> Schedule:
-        """The schedule of these exposures, one at each light, with the camera's gain."""
+        """The schedule of these exposures, one for each light."""
         cases, values = self.at(self.scenario.lights_lux, exposures_s)
         by_speed = cases.mean(axis=1).reshape(len(self.scenario.speeds_px_s), -1)
         of_speeds = by_speed @ list(self.scenario.targets.values())
@@ -203,30 +227,34 @@ class Problem:
         return Schedule(
             exposures_s=tuple(map(float, exposures_s)),
             gains_db=gains_db,
-            lacks_gain=tuple(gain_db >= metering.camera.gain_max_db for gain_db in gains_db),
+            lacks_gain=tuple(gain_db >= metering.camera.sensor.gain_max_db for gain_db in gains_db),
             values=tuple(map(finite, values)),
             value=finite(values.mean()),
             worst_speed=finite(of_speeds.min()),
         )
 
     def uncertain(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> tuple[Array, Array, Array]:
-        """At pairs the objective (M,), the influence of each cluster on it (C, M), and the covariance (M, M) of the
-        surfaces' prediction, ``CAUTION`` times as wide as they have it."""
-        there = self.predicted(lights_lux, exposures_s)
-        cases = np.array([ratio_of_sums(*each) for each in there])
+        """The objective (M,), the influence of each cluster on it (C, M), and the covariance (M, M) of the surfaces'
+        predictions, with ``CAUTION`` times their standard error."""
+        predicted = self.predicted(lights_lux, exposures_s)
+        cases = np.array([ratio_of_sums(sums, counts) for sums, counts in predicted])
         weights = self.scenario.weights(cases)
         objective, weights = (weights * cases).sum(axis=0), np.nan_to_num(weights)
         total = np.zeros((len(self.clusters), len(objective)))
-        for weight, (_, target), of_case in zip(weights, self.scenario.cases, there, strict=True):
-            own = influence(*of_case)
-            known = np.maximum(np.isfinite(own).sum(axis=0), 1)
+        for weight, (_, target), (sums, counts) in zip(weights, self.scenario.cases, predicted, strict=True):
+            of_case = influence(sums, counts)
+            # A cluster without this kind of target has no influence on its mean; the mean of all influences, over
+            # more clusters, would be too small by that share.
+            measured = np.maximum(np.isfinite(of_case).sum(axis=0), 1)
             rows = [self.clusters.index(cluster) for cluster in self.inputs.planes[target].clusters]
-            total[rows] += weight * np.nan_to_num(own) * len(total) / known
+            total[rows] += weight * np.nan_to_num(of_case) * len(total) / measured
+        # One surface predicts all speeds of a kind of target, so its errors at them are correlated; those of the
+        # surfaces of different kinds are not.
         speeds, targets = self.scenario.speeds_px_s, self.scenario.targets
-        at = np.concatenate([places_of(exposures_s, lights_lux, speed) for speed in speeds])
-        cov = np.zeros((len(objective),) * 2)
+        places = np.concatenate([places_of(exposures_s, lights_lux, speed) for speed in speeds])
+        covariance = np.zeros((len(objective),) * 2)
         of_targets = np.moveaxis(weights.reshape(len(speeds), len(targets), -1), 1, 0)
         for plane, weight in zip(self._planes, of_targets, strict=True):
-            own = plane.surface.covariance(at).reshape(*weight.shape, *weight.shape)
-            cov += np.einsum("vm,vmwn,wn->mn", weight, own, weight)
-        return objective, total, CAUTION**2 * cov
+            of_plane = plane.surface.covariance(places).reshape(*weight.shape, *weight.shape)
+            covariance += np.einsum("vm,vmwn,wn->mn", weight, of_plane, weight)
+        return objective, total, CAUTION**2 * covariance

@@ -1,8 +1,8 @@
-"""An exposure program in words, as a figure, and as files: a table, libcamera's exposure mode, and all as JSON.
+"""An exposure program in words, as a figure, and as files: a table, libcamera's exposure mode, and JSON.
 
 libcamera's format is that of the "rpi.agc" algorithm of a Raspberry Pi tuning file: "exposure_modes" maps a name to
 "shutter", us, and "gain", lists of one length, two or more (src/ipa/rpi/controller/rpi/agc_channel.cpp,
-``AgcExposureMode::read``, of libcamera 0.7.1; how they are walked, ``divideUpExposure``, is
+``AgcExposureMode::read``, of libcamera 0.7.1; its ``divideUpExposure`` is
 :meth:`~blurnoise_eval.program.optimise.Stages.divided`). No exposure is below the first "shutter".
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -28,29 +28,27 @@ from blurnoise_eval.system.terminal import PROSE, paragraph, plain, table_lines
 
 _SHOWN = 12  # lights of the table
 _EXTRAPOLATED = " (extrapolated: shorter than any tested)"
-_OURS: dict[str, Any] = {"color": COLOURS[0], "lw": 2, "marker": "o", "ms": 3.5}
+_PROGRAM: dict[str, Any] = {"color": COLOURS[0], "lw": 2, "marker": "o", "ms": 3.5}
 _BEST: dict[str, Any] = {"color": "0.55", "ls": "", "marker": "o", "ms": 3.5, "mfc": "none"}
 _DASHES = ((4, 1.5), (1, 1), (5, 1.5, 1, 1.5))
 
 
 def lines(program: Program, width: int | None = None) -> Iterator[str]:
-    """The lines of the terminal, ``width`` columns wide."""
+    """The lines for a terminal of ``width`` columns: sentence, table, stages, assumptions and comparison."""
     prose = width and min(width, PROSE)
     yield from paragraph(sentence(program), prose)
     yield ""
     schedule, problem, inputs = program.schedule, program.problem, program.problem.inputs
     reached = keeps(inputs.criterion)
-    every = zip(problem.scenario.lights_lux, *schedule[:2], schedule.values, strict=True)
-    rows = [
-        [_lux(light), milliseconds(exposure_s), f"{gain_db:.1f}", _value(value)]
-        for light, exposure_s, gain_db, value in spread(list(every), _SHOWN)
+    cells = [
+        [_lux(row.illuminance_lux), milliseconds(row.exposure_s), f"{row.gain_db:.1f}", _value(row.value)]
+        for row in spread(rows(program), _SHOWN)
     ]
-    yield from table_lines(["light, lux", "exposure, ms", "gain, dB", reached], rows, (True,) * 4, width)
+    yield from table_lines(["light, lux", "exposure, ms", "gain, dB", reached], cells, (True,) * 4, width)
     yield ""
-    both = zip(program.stages.times_s, program.stages.gains, strict=True)
     stages = [
         f"{milliseconds(time)} ms{_EXTRAPOLATED * program.extrapolates(time)}, x{gain:.3g}"
-        for time, gain in both
+        for time, gain in zip(program.stages.times_s, program.stages.gains, strict=True)
     ]
     yield from paragraph(f"Stages (the time rises first, then the gain): {'; '.join(stages)}.", prose)
     yield from paragraph(brightest(program), prose)
@@ -61,8 +59,8 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
         prose,
     )
     yield ""
-    ways = {"this program": schedule, "with any number of stages": program.best, **program.baselines}
-    compared = [[name, _value(way.value), _value(way.worst_speed)] for name, way in ways.items()]
+    schedules = {"this program": schedule, "with any number of stages": program.best, **program.baselines}
+    compared = [[name, _value(of.value), _value(of.worst_speed)] for name, of in schedules.items()]
     yield from table_lines(["", reached, "worst speed"], compared, (False, True, True), width)
 
 
@@ -81,11 +79,11 @@ def sentence(program: Program) -> str:
 
 
 def brightest(program: Program) -> str:
-    """From which light on the rules cannot be kept."""
+    """The light above which lamps flicker, and the light above which pictures are too bright."""
     limits, metering = program.problem.limits, program.problem.inputs.metering
 
     def lux(exposure_s: float) -> str:
-        """At which this exposure needs no gain."""
+        """The light at which this exposure needs no gain."""
         return f"{metering.total_s(1.0) / exposure_s:.3g} lux"
 
     first_s, lamps_s = program.stages.times_s[0], limits.shortest_s
@@ -108,12 +106,12 @@ def draw(program: Program, title: str, path: Path) -> Path:
     figure = Figure(figsize=(7.6, 9.2), layout="constrained")
     panels = list(figure.subplots(3, 1, sharex=True))
     lights = np.array(program.problem.scenario.lights_lux)
-    dashed = [{"color": each, "dashes": dash} for each, dash in zip(COLOURS[1:], _DASHES, strict=False)]
-    ways = {"any number of stages": program.best, "program": program.schedule, **program.baselines}
-    for (name, way), style in zip(ways.items(), (_BEST, _OURS, *dashed), strict=True):
-        of_panels = 1e3 * np.array(way.exposures_s), way.gains_db, np.array(way.values, float)
-        for axes, values in zip(panels, of_panels, strict=True):
-            axes.plot(lights, values, **style, label=f"{name}: {_value(way.value)}")
+    dashed = [{"color": colour, "dashes": dash} for colour, dash in zip(COLOURS[1:], _DASHES, strict=False)]
+    schedules = {"any number of stages": program.best, "program": program.schedule, **program.baselines}
+    for (name, schedule), style in zip(schedules.items(), (_BEST, _PROGRAM, *dashed), strict=True):
+        drawn = 1e3 * np.array(schedule.exposures_s), schedule.gains_db, np.array(schedule.values, float)
+        for axes, values in zip(panels, drawn, strict=True):
+            axes.plot(lights, values, **style, label=f"{name}: {_value(schedule.value)}")
     for axes, y in zip(panels, ("Exposure time / ms", "Gain / dB", title.split(": ")[-1]), strict=True):
         tidy(axes, y=y)
     tidy(panels[-1], x="Light on the scene / lux")
@@ -129,37 +127,55 @@ def draw(program: Program, title: str, path: Path) -> Path:
 
 
 def libcamera_mode(stages: Stages) -> dict[str, list[float]]:
-    """One entry of "exposure_modes"; stages that are equal after rounding to us and four places are one."""
-    both = zip(stages.times_s, stages.gains, strict=True)
-    rounded = [(max(1, round(1e6 * time)), round(gain, 4)) for time, gain in both]
-    kept = list(dict.fromkeys(rounded))
-    kept = kept if len(kept) > 1 else rounded[:2]
-    return {"shutter": [shutter for shutter, _ in kept], "gain": [gain for _, gain in kept]}
+    """An entry of "exposure_modes", in whole us and gains of four decimals; stages that round to the same are one.
+
+    >>> libcamera_mode(Stages((20e-6, 0.01, 0.033), (1.0, 1.0, 8.0)))
+    {'shutter': [20, 10000, 33000], 'gain': [1.0, 1.0, 8.0]}
+    """
+    rounded = [
+        (max(1, round(1e6 * time)), round(gain, 4))
+        for time, gain in zip(stages.times_s, stages.gains, strict=True)
+    ]
+    different = list(dict.fromkeys(rounded))
+    different = different if len(different) > 1 else rounded[:2]  # libcamera wants two or more
+    return {"shutter": [shutter for shutter, _ in different], "gain": [gain for _, gain in different]}
 
 
-def rows(program: Program) -> list[dict[str, Any]]:
-    """A row per light: the program, whether it is extrapolated, and the best one of any number of stages."""
-    ours, best = program.schedule, program.best
-    columns = {
-        "illuminance_lux": program.problem.scenario.lights_lux,
-        "exposure_s": ours.exposures_s,
-        "gain_db": ours.gains_db,
-        "gain_limited": map(int, ours.lacks_gain),
-        "extrapolated": (int(program.extrapolates(each)) for each in ours.exposures_s),
-        "value": ours.values,
-        "best_exposure_s": best.exposures_s,
-        "best_gain_db": best.gains_db,
-        "best_value": best.values,
-    }
-    return [dict(zip(columns, each, strict=True)) for each in zip(*columns.values(), strict=True)]
+@dataclass(frozen=True)
+class LightRow:
+    """A row of program.csv, whose columns are these fields: the program at one light, and the best program of any
+    number of stages there.
+
+    gain_limited: 1 where the camera's gain is at its limit. extrapolated: 1 where the exposure is shorter than any
+    tested. value, best_value: the objective, None where it was not tested.
+    """
+
+    illuminance_lux: float
+    exposure_s: float
+    gain_db: float
+    gain_limited: int
+    extrapolated: int
+    value: float | None
+    best_exposure_s: float
+    best_gain_db: float
+    best_value: float | None
+
+
+def rows(program: Program) -> list[LightRow]:
+    """A row for each light of the scenario."""
+    schedule, best = program.schedule, program.best
+    columns = (
+        program.problem.scenario.lights_lux, schedule.exposures_s, schedule.gains_db, map(int, schedule.lacks_gain),
+        (int(program.extrapolates(exposure_s)) for exposure_s in schedule.exposures_s), schedule.values,
+        best.exposures_s, best.gains_db, best.values,
+    )  # fmt: skip
+    return [LightRow(*values) for values in zip(*columns, strict=True)]
 
 
 def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]:
-    """The contents of program.json. run: its folder; notes: what was left out or assumed."""
+    """The contents of program.json. run: the run's folder. notes: what was left out or assumed."""
     problem, inputs = program.problem, program.problem.inputs
     speeds = [{"speed": speed, "share": share} for speed, share in problem.scenario.speeds_px_s.items()]
-    ways = {"": program.schedule, **program.baselines}
-    ours, *others = ({"name": name, **schedule._asdict()} for name, schedule in ways.items())
     return {
         "run": run,
         "model": inputs.model,
@@ -169,27 +185,28 @@ def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]
         "scenario": {**asdict(problem.scenario), "speeds_px_s": speeds},
         "limits": problem.limits.words,
         "notes": list(notes),
-        **{name: ours[name] for name in ("value", "worst_speed")},
+        "value": program.schedule.value,
+        "worst_speed": program.schedule.worst_speed,
         "value_low": program.low,
         "value_high": program.high,
         "regret_95": program.regret_95,
         "pictures": len(problem.clusters),
         "stages": asdict(program.stages),
         "shortest_tested_s": program.tested_s,
-        "nodes": rows(program),
+        "nodes": list(map(asdict, rows(program))),
         "without_stages": program.best.value,
         "best_fixed_s": program.best_fixed_s,
-        "rivals": others,
+        "rivals": [{"name": name, **of._asdict()} for name, of in program.baselines.items()],
     }
 
 
 def write(program: Program, folder: Path, run: str, notes: Sequence[str] = ()) -> list[Path]:
     """Write program.csv, program.json and libcamera.json. Raises ``OSError``."""
-    table = rows(program)
+    columns = [field.name for field in fields(LightRow)]
     modes = {"exposure_modes": {"custom": libcamera_mode(program.stages)}}
     libcamera = {"extrapolated_below_us": 1e6 * program.tested_s, "rpi.agc": modes}
     files = {
-        "program.csv": "".join(csv_lines(list(table[0]), table)),
+        "program.csv": "".join(csv_lines(columns, map(asdict, rows(program)))),
         "program.json": _json(document(program, run, notes)),
         "libcamera.json": _json(libcamera),
     }

@@ -1,10 +1,10 @@
-"""What an exposure program is for, the lights, speeds and targets; and what it must keep to, the limits of exposures
-and the gain that the camera sets.
+"""The scenario of an exposure program (lights, speeds and targets), the limits of its exposures, and the camera's
+metering.
 
-Domain: lux, px/s, s, dB; shares that add up to 1. A value of the program is a mean over the lights, all alike; at one
-light over the cases, a speed with a kind of target each, by its share. Mains light flickers at twice its frequency;
-an exposure of whole periods, 1/100 or 1/120 s, sees none of it. A lamp or sign of LEDs looks steady when it pulses at
-90 Hz or more (Deegan, Electronic Imaging 2018, AVM-146), so an exposure of 1/90 s always holds one of its pulses.
+Domain: lux, px/s, s, dB; shares that add up to 1. The value of a program is the mean over the lights; at one light,
+the mean over the cases by their shares, where a case is a speed with a kind of target. Mains light flickers at twice
+its frequency; an exposure of whole periods, 1/100 or 1/120 s, does not see it. Lamps and signs of LEDs pulse at 90 Hz
+or more, so that they look steady (Deegan, Electronic Imaging 2018, AVM-146): an exposure of 1/90 s has a whole pulse.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import Figure, in_range, limited, one_of
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.run.search_space import exposures_on
 
@@ -34,17 +34,21 @@ PREGIUS_LEAST_S = 20e-6
 """Shortest exposure of Sony's first Pregius sensors: a line and 13.73 us, 18.8 to 20 us with an IMX250 (Teledyne
 DALSA, Genie Nano manual, M2450)."""
 STEPS_PER_STOP = 8
-_UNHURRIED = AutoExposure(USUAL.target, frame_rate_hz=1 / 3600)
-_TOLD_DB = 0.01  # from a limit of the gain, from which on it depends on the picture's light
-_STEP = 1e-9
+_NO_FRAME_RATE = AutoExposure(USUAL.target, frame_rate_hz=1 / 3600)
+_AT_LIMIT_DB = 0.01  # nearer to a limit of the gain, the gain does not show the picture's light
+_ROUNDING = 1e-9  # of quotients of times that are meant to be whole
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """Lights, rising; speeds and targets with their shares, which are made to add up to 1; what counts at each light.
+    """Lights in increasing order, shares of speeds and of targets, and the objective at each light.
 
-    objective: "expected", the mean over the cases; "worst", the least of them; "tail", the mean of the worst ``tail``
-    share (conditional value at risk). Raises ``ValueError`` naming the field.
+    Shares are scaled to add up to 1. objective: "expected", the mean over the cases; "worst", the lowest of them;
+    "tail", the mean over the worst share ``tail`` of them (conditional value at risk). Raises ``ValueError`` naming
+    the field.
+
+    >>> Scenario((1.0, 2.0), {0.0: 3, 200.0: 1}, {"car": 1}).speeds_px_s
+    {0.0: 0.75, 200.0: 0.25}
     """
 
     lights_lux: tuple[float, ...]
@@ -71,26 +75,27 @@ class Scenario:
 
     @property
     def cases(self) -> list[tuple[float, str]]:
-        """K pairs of speed and target."""
+        """Speeds and targets, K pairs."""
         return list(product(self.speeds_px_s, self.targets))
 
     @property
     def shares(self) -> Array:
-        """Of the cases, (K,)."""
+        """Shares of the cases, (K,)."""
         return np.outer(list(self.speeds_px_s.values()), list(self.targets.values())).ravel()
 
     def weights(self, values: Array) -> Array:
-        """How much each case's value counts, as ``values`` (K, ...) and adding up to 1 over the cases.
+        """Weights (K, ...) of the cases' values (K, ...) in the objective, which add up to 1 over the cases.
 
-        NaN where any of them is.
+        NaN where the value of any case is. The lowest values get weight, each up to its share, until the objective's
+        share of the cases is used up.
         """
         counted = {"expected": 1.0, "worst": float(self.shares.min()), "tail": self.tail}[self.objective]
         order = np.argsort(values, axis=0, kind="stable")
         sorted_shares = self.shares[order]
         before = np.cumsum(sorted_shares, axis=0) - sorted_shares
         weights = np.empty_like(sorted_shares)
-        own = np.clip(counted - before, 0.0, sorted_shares) / counted
-        np.put_along_axis(weights, order, own, axis=0)
+        used = np.clip(counted - before, 0.0, sorted_shares) / counted
+        np.put_along_axis(weights, order, used, axis=0)
         return np.where(np.isnan(values).any(axis=0), np.nan, weights)
 
     @property
@@ -103,28 +108,35 @@ class Scenario:
 
 
 def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
-    """Lights from low to high, both included, half a stop apart or a little less. Raises ``ValueError``."""
+    """Lights from low to high, both included, at most half a stop apart. Raises ``ValueError``."""
     if not 0 < limited("illuminance_lux", low_lux) <= limited("illuminance_lux", high_lux):
         raise ValueError(f"lux = {low_lux:g}:{high_lux:g}: must be above 0 and rise")
     return tuple(exposures_on((low_lux, high_lux), LIGHTS_PER_STOP).tolist())
 
 
 def speed_shares(text: str) -> dict[float, float]:
-    """Shares by px/s of "0:0.3,200:0.7", or alike of "0,200". Raises ``ValueError``."""
+    """Shares by speed, px/s; without shares they are equal. Raises ``ValueError``.
+
+    >>> speed_shares("0:0.3,200:0.7"), speed_shares("0,200")
+    ({0.0: 0.3, 200.0: 0.7}, {0.0: 1.0, 200.0: 1.0})
+    """
     return _shares("speeds", text, lambda word: _number("speeds", word))
 
 
 def target_shares(text: str, groups: Sequence[str]) -> dict[str, float]:
-    """Shares of the groups that ``text`` names by any part of their name.
+    """Shares of groups of targets, of which any part of the name is enough.
 
-    Raises ``ValueError`` for a word that is found in none of them, or in several.
+    Raises ``ValueError`` for a word that is part of no name, or of several.
+
+    >>> target_shares("large:2,small:1", ["car, large", "car, small"])
+    {'car, large': 2.0, 'car, small': 1.0}
     """
 
     def group_of(word: str) -> str:
-        fitting = [group for group in groups if group == word] or [g for g in groups if word in g]
-        if len(fitting) != 1:
+        matching = [group for group in groups if group == word] or [g for g in groups if word in g]
+        if len(matching) != 1:
             raise ValueError(f"targets = {word!r}: must be part of the name of one of: {'; '.join(groups)}")
-        return fitting[0]
+        return matching[0]
 
     return _shares("targets", text, group_of)
 
@@ -147,16 +159,19 @@ def _number(name: str, text: str) -> float:
 
 
 def _whole(least: float, unit: float) -> float:
-    """As many whole units as are ``least`` or more; ``least`` without a unit."""
-    return math.ceil(least / unit - _STEP) * unit if unit else least
+    """The smallest multiple of ``unit`` that is ``least`` or more; ``least`` where the unit is 0."""
+    return math.ceil(least / unit - _ROUNDING) * unit if unit else least
 
 
 @dataclass(frozen=True)
 class Limits(AutoExposure):
-    """What a program may use: the camera's own limits, and those of the lamps and the sensor.
+    """The limits of a program's exposures: those of automatic exposure, of lamps and of the sensor.
 
-    led: at least 1/90 s. least_exposure_s: the sensor's shortest. Raises ``ValueError`` naming the field, or the
-    rules that leave nothing.
+    led: exposures of at least 1/90 s. least_exposure_s: the sensor's shortest. Raises ``ValueError`` naming the
+    field, or the limits that leave no exposure.
+
+    >>> Limits(mains_hz=50.0).settled(0.025)
+    0.02
     """
 
     led: bool = False
@@ -164,7 +179,7 @@ class Limits(AutoExposure):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.shortest_s > self.limit_s * (1 + _STEP):
+        if self.shortest_s > self.limit_s * (1 + _ROUNDING):
             raise ValueError(
                 f"{', '.join(self.words)}: leave no exposure at any light: it must be "
                 f"{1e3 * self.shortest_s:.4g} ms or more, and the frame leaves {1e3 * self.limit_s:.4g} ms"
@@ -176,34 +191,34 @@ class Limits(AutoExposure):
 
     @cached_property
     def shortest_s(self) -> float:
-        """The shortest exposure that the rules allow."""
+        """The shortest exposure that the lamps allow."""
         lamps_s = max(self._period_s, LED_S if self.led else 0.0)
         return _whole(max(lamps_s, self.first_s), self._period_s or self.row_time_s)
 
     @cached_property
     def first_s(self) -> float:
-        """The sensor's shortest exposure: in light in which what lamps need is too long and all would be white."""
+        """The shortest exposure of the sensor, for light so bright that the lamps' shortest one saturates."""
         return _whole(max(self.row_time_s, self.least_exposure_s), self.row_time_s)
 
     def settled(self, exposure_s: float) -> float:
-        """The longest allowed exposure that is not longer; the shortest there is, if all are."""
+        """The longest allowed exposure up to ``exposure_s``; if all are longer, the shortest one."""
         return self.allowed_s(max(exposure_s, self.shortest_s))
 
     def candidates(self, low_s: float, high_s: float) -> tuple[float, ...]:
-        """Allowed exposures from low to high, 1/8 stop apart or as far as the rules put them; rising."""
+        """Allowed exposures from low to high in increasing order, 1/8 stop apart or in whole periods."""
         longest, first = min(high_s, self.limit_s), max(low_s, self.shortest_s)
-        if first > longest * (1 + _STEP):
+        if first > longest * (1 + _ROUNDING):
             return ()
-        steps = math.ceil(STEPS_PER_STOP * math.log2(longest / first) - _STEP) if longest > first else 0
+        steps = math.ceil(STEPS_PER_STOP * math.log2(longest / first) - _ROUNDING) if longest > first else 0
         asked = [min(longest, first * 2 ** (k / STEPS_PER_STOP)) for k in range(steps + 1)]
         if period_s := self._period_s:
-            asked += [n * period_s for n in range(1, math.floor(longest / period_s + _STEP) + 1)]
+            asked += [n * period_s for n in range(1, math.floor(longest / period_s + _ROUNDING) + 1)]
         times = sorted(set(map(self.settled, asked)))
-        return tuple(time for time in times if low_s * (1 - _STEP) <= time <= longest * (1 + _STEP))
+        return tuple(time for time in times if low_s * (1 - _ROUNDING) <= time <= longest * (1 + _ROUNDING))
 
     @property
     def words(self) -> list[str]:
-        """The limits that hold, in words."""
+        """The limits that are set, in words."""
         less = f" less {1e3 * self.readout_s:g} ms" if self.readout_s else ""
         from_us = 1e6 * self.least_exposure_s
         holding = {
@@ -219,7 +234,7 @@ class Limits(AutoExposure):
 
 @dataclass(frozen=True)
 class Metering:
-    """The rule of :mod:`blurnoise.scene.metering` for one camera and pictures of one ``mean_light``, a share of
+    """Metering as in :mod:`blurnoise.scene.metering`, for a camera and pictures of a ``mean_light``, a share of
     white."""
 
     camera: Camera
@@ -231,26 +246,30 @@ class Metering:
         return {"mean_light": self.mean_light, "temperature_c": self.temperature_c}
 
     def total_s(self, illuminance_lux: float) -> float:
-        """Exposure times gain that the meter asks for: the exposure that needs no gain; an hour at most."""
-        return _UNHURRIED.setting(self.camera, illuminance_lux=illuminance_lux, **self._picture).exposure_s
+        """Exposure times gain that the meter asks for, which is the exposure without gain; at most an hour."""
+        return _NO_FRAME_RATE.setting(
+            self.camera, illuminance_lux=illuminance_lux, **self._picture
+        ).exposure_s
 
     def gain_db(self, illuminance_lux: float, exposure_s: float) -> float:
-        """As the camera sets it, from 0 dB to its most."""
+        """The gain that the camera sets, from 0 dB to its limit."""
         at: Any = {"illuminance_lux": illuminance_lux, "exposure_s": exposure_s}
         return USUAL.setting(self.camera, **at, **self._picture).gain_db
 
 
 def mean_light(gains: Iterable[Mapping[str, Any]], camera: Camera) -> float | None:
-    """Mean over pictures of their mean light, by their gains; None where all gains are at a limit.
+    """The mean light of a run's pictures, which follows from the gains that the camera set for them; None where all
+    gains are at a limit.
 
-    gains: rows of ``image``, ``illuminance_lux``, ``exposure_s`` and ``applied_gain_db``, set by the camera for each
-    picture. Dark charge counts for none.
+    gains: rows of ``image``, ``illuminance_lux``, ``exposure_s`` and ``applied_gain_db``. Dark charge is neglected.
     """
-    white = Metering(camera, 1.0).total_s(1.0)  # lux s
-    of: dict[str, list[float]] = {}
+    white_lux_s = Metering(camera, 1.0).total_s(1.0)
+    logs_by_image: dict[str, list[float]] = {}
     for row in gains:
         gain_db = row["applied_gain_db"]
-        if _TOLD_DB < gain_db < camera.gain_max_db - _TOLD_DB:
+        if _AT_LIMIT_DB < gain_db < camera.sensor.gain_max_db - _AT_LIMIT_DB:
             total = row["illuminance_lux"] * row["exposure_s"] * 10 ** (gain_db / 20)
-            of.setdefault(row["image"], []).append(math.log(white / total))
-    return float(np.mean([math.exp(float(np.median(logs))) for logs in of.values()])) if of else None
+            logs_by_image.setdefault(row["image"], []).append(math.log(white_lux_s / total))
+    # the median, as other conditions of a picture may saturate or be mostly dark charge
+    means = [math.exp(float(np.median(logs))) for logs in logs_by_image.values()]
+    return float(np.mean(means)) if means else None

@@ -13,18 +13,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.datasets import eight_bit
+from blurnoise_eval.datasets import Picture, eight_bit
 from blurnoise_eval.plan.axes import EXPOSURE, velocity_of, velocity_text
 from blurnoise_eval.report.page import FAILURES, PICTURE_PX, TEMPLATES, jpeg, write_page
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import Settings, word
-from blurnoise_eval.run.pictures import RunPictures
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
@@ -40,6 +39,16 @@ _NONE = 0xFFFF
 Codes = NDArray[np.uint16]
 Row = dict[str, Any]
 Places = tuple[int, ...]
+
+
+class Pictures(Protocol):
+    """The pictures of a run, opened and simulated again. Both raise ``ValueError`` or ``OSError``."""
+
+    def picture(self, name: str) -> Picture:
+        """The original picture of a name."""
+
+    def simulate(self, cell_id: str) -> NDArray[np.uint8]:
+        """The picture of a cell, (H, W, 3), uint8, RGB."""
 
 
 class _Conditions(NamedTuple):
@@ -71,7 +80,7 @@ class _View(NamedTuple):
     lost: list[int]
 
 
-def write_failures(store: Store, data: RunData, folder: Path, run: RunPictures) -> Path:
+def write_failures(store: Store, data: RunData, folder: Path, run: Pictures) -> Path:
     """Write ``folder``/failures.html, which works offline; returns its path. Raises ``OSError``.
 
     What the limits above leave out, and pictures that cannot be opened, are named on the page.
@@ -202,7 +211,7 @@ def _views(number: int, codes: Codes, tested: _Conditions) -> Iterator[_View]:
             yield _View(number, a, b, order[(found[a] & known[a] & ~found[b])[order]].tolist())
 
 
-def _pictures(run: RunPictures, names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+def _pictures(run: Pictures, names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     """The original pictures as small JPEGs, as far as the limits go; and what is wrong with the others."""
     found, wrong, n_bytes, n_px = dict[str, str](), list[str](), 0, 0
     for name in names:
@@ -226,7 +235,7 @@ def _resized(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
 
 
 def _crops(
-    store: Store, run: RunPictures, model: _Model, tested: _Conditions, view: _View
+    store: Store, run: Pictures, model: _Model, tested: _Conditions, view: _View
 ) -> Iterator[tuple[str, list[Any]]]:
     """By target and condition: the simulated picture around the target, and its box there in % of that."""
 
@@ -236,16 +245,15 @@ def _crops(
     n_px = 0
     for name, group in groupby(sorted(view.lost[:MOST_CROPS], key=picture_of), picture_of):
         try:
-            scene = run.scene(run.picture(name))
+            height, width = run.picture(name).load().shape[:2]
             for target in group:
-                n_px += 2 * scene.image8.shape[0] * scene.image8.shape[1]
+                n_px += 2 * height * width
                 if n_px > MOST_CROP_PX:
                     return
                 cells = [_cell(store, model, target, tested.keys[place]) for place in (view.a, view.b)]
-                around = _around([row for _, row in cells], scene.image8.shape[:2])
+                around = _around([row for _, row in cells], (height, width))
                 for place, (cell_id, row) in zip((view.a, view.b), cells, strict=True):
-                    frame = run.expose(scene, run.cell(cell_id=cell_id))
-                    yield f"{view.model}:{target}:{place}", _crop(frame.image, around, row)
+                    yield f"{view.model}:{target}:{place}", _crop(run.simulate(cell_id), around, row)
         except (ValueError, OSError):
             continue  # the page works without; _pictures says what is wrong with a picture
 

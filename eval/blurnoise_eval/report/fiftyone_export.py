@@ -20,8 +20,8 @@ from typing import Any
 from blurnoise_eval.datasets import encode
 from blurnoise_eval.plan.axes import CHOICES, EXPOSURE, VELOCITY, named, setting_of, velocity_of
 from blurnoise_eval.plots.style import spread
+from blurnoise_eval.report.failures import Pictures
 from blurnoise_eval.report.run import RunData
-from blurnoise_eval.run.pictures import RunPictures
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, unpack
 from blurnoise_eval.system.files import check_own_folder, path_within, write_whole
@@ -39,7 +39,7 @@ Row = dict[str, Any]
 def write_fiftyone(
     store: Store,
     data: RunData,
-    run: RunPictures,
+    run: Pictures,
     folder: Path,
     progress: Callable[[int], None] = lambda pictures: None,
 ) -> str:
@@ -119,7 +119,7 @@ def _columns(data: RunData) -> list[str]:
 
 
 def _samples(
-    store: Store, data: RunData, run: RunPictures, name: str, slugs: Mapping[str, str], n_exposures: int
+    store: Store, data: RunData, run: Pictures, name: str, slugs: Mapping[str, str], n_exposures: int
 ) -> Iterator[Row]:
     """A picture's samples, the original first, with its pixels as ``image``."""
     cells: dict[str, list[Row]] = defaultdict(list)  # of each model
@@ -131,10 +131,9 @@ def _samples(
         for target in row["targets"]:
             if target["confidence"] >= data.found_from:
                 found_at[row["model"], _line(row), target["target_id"]].append(row["applied_exposure_s"])
-    scene = run.scene(run.picture(name))
     for cell_id, tag in _chosen(data, [rows[0] for rows in cells.values()], n_exposures):
         first = cells[cell_id][0]
-        image = scene.image8 if first["clean"] else run.expose(scene, run.cell(cell_id=cell_id)).image
+        image = run.simulate(cell_id)
         height, width = image.shape[:2]
         number = _number(cell_id)
         sample: Row = {

@@ -13,7 +13,7 @@ from blurnoise._core.checks import shown
 from blurnoise._core.files import json_of, read_bytes
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.run.documents import validated
-from blurnoise_eval.run.run import Run
+from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.scoring.evaluated import Truth, coco_results
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
@@ -72,20 +72,20 @@ def read_truth(store: Store) -> dict[str, Any]:
         ) from None
 
 
-def truths(store: Store) -> Callable[[str], Truth | None]:
+def truths(store: Store, setup: Setup) -> Callable[[str], Truth | None]:
     """Each model's truth: the labels, or else what the model itself found in the original pictures.
 
     None for a reader of text. Raises :class:`StoreError` where the run's instances.json is missing or broken.
     """
-    coco, run = read_truth(store), Run(store)
+    coco = read_truth(store)
     image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
     sizes_px = {image_ids[name]: (each.width_px, each.height_px) for name, each in store.pictures().items()}
 
     def truth_of(name: str) -> Truth | None:
-        if run.models[name]["kind"] != "detector":
+        if setup.models[name]["kind"] != "detector":
             return None
-        classes = run.classes(name)
-        if run.labelled:
+        classes = setup.classes(name)
+        if setup.labelled:
             categories = {category["name"]: category["id"] for category in coco["categories"]}
             known = {index: categories[label] for index, label in enumerate(classes) if label in categories}
             return Truth(coco, image_ids, known, sizes_px)
@@ -104,14 +104,14 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
     return truth_of
 
 
-def write_detections(store: Store, folder: Path) -> list[Path]:
+def write_detections(store: Store, setup: Setup, folder: Path) -> list[Path]:
     """Write MODEL.json for each detector into ``folder``; returns the paths.
 
     All that it found as COCO has results, each with the ``cell_id`` by which results.csv has the condition. Beside it
     MODEL-instances.json, the truth at rest; targets.csv has where conditions move it. Raises ``OSError``.
     """
-    written, truth_of, labels = [], truths(store), read_truth(store)
-    models = list(Run(store).models)
+    written, truth_of, labels = [], truths(store, setup), read_truth(store)
+    models = list(setup.models)
     check_outputs(
         folder, *(glob.escape(f"{name}{end}.json") for name in models for end in ("", "-instances"))
     )

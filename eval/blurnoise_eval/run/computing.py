@@ -1,4 +1,7 @@
-"""A sweep: every picture under every condition before every model, by any engine, into a store that survives."""
+"""Computing a plan: every picture under every condition before every model, by any engine, into a store.
+
+The store is whole at any time: a run that was stopped goes on where it was.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.plan.plan import SweepPlan
@@ -42,7 +45,7 @@ class Outcome:
         self.workers_died += more.workers_died
 
 
-def run(
+def compute(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,

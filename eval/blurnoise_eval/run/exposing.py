@@ -19,11 +19,11 @@ import torch
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import limited_motion
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture, longest_first_s, windows
+from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.light.conditions import Conditions as LightConditions
 from blurnoise.light.motion import readout_of
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, longest_first_s, windows
-from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.scene import hdr
 from blurnoise.scene.fusion import readers_of
@@ -136,7 +136,7 @@ class Scene:
         if taken.lamp is None or not lit.any():
             return None
         size = self.image8.shape[:2]
-        for start_s, taken_s in windows(taken.camera.captures or (Capture(),), taken.exposure_s):
+        for start_s, taken_s in windows(taken.camera.sensor.captures or (Capture(),), taken.exposure_s):
             rows = readout_of(LightConditions(taken.camera, taken_s, 0.0, 0.0), size)
             begin, end = map(torch.from_numpy, rows.windows_s)
             if taken.lamp.factor(end - begin, begin - begin.min() + start_s).numpy()[lit].any():
@@ -237,14 +237,14 @@ def brightest(exposure: Exposure, hdr_white: float = 1.0) -> int:
 
     Of several captures it is that of a pixel which is at a limit in all of them.
     """
-    if exposure.camera.captures:
+    if exposure.camera.sensor.captures:
         return _brightest_merged(replace(exposure, seed=0, trajectory=None, lamp=None), hdr_white)
     return _brightest(*exposure.amplified)
 
 
 @lru_cache(maxsize=64)
 def _brightest(camera: Camera, digital_db: float) -> int:
-    return int(tones_8bit(camera, digital_db)[int(camera.saturated_dn)])
+    return int(tones_8bit(camera, digital_db)[int(camera.sensor.saturated_dn)])
 
 
 @lru_cache(maxsize=256)
@@ -252,8 +252,8 @@ def _brightest_merged(exposure: Exposure, hdr_white: float) -> int:
     """What a pixel becomes that is at a limit in every capture."""
     camera = exposure.camera
     captures, digital_db = hdr.amplified(camera, exposure.gain_db)
-    planes = 3 if camera.cfa == "none" else 1
-    limits_dn = (float(int(each.saturated_dn)) for each in readers_of(camera, captures))
+    planes = 3 if camera.sensor.cfa == "none" else 1
+    limits_dn = (float(int(each.sensor.saturated_dn)) for each in readers_of(camera, captures))
     frames = [torch.full((1, planes, 4, 4), limit_dn) for limit_dn in limits_dn]
     white_e = torch.tensor([_white_e(exposure) * hdr_white])
     seen = hdr.merged(frames, camera, captures, white_e=white_e, digital_db=digital_db, eight_bit=True)
@@ -262,7 +262,7 @@ def _brightest_merged(exposure: Exposure, hdr_white: float) -> int:
 
 def _white_e(exposure: Exposure) -> float:
     """Electrons of white in the first capture."""
-    first = exposure.camera.captures[0] if exposure.camera.captures else Capture()
+    first = exposure.camera.sensor.captures[0] if exposure.camera.sensor.captures else Capture()
     lux_s = exposure.illuminance_lux * exposure.exposure_s
     return lux_s * electrons_per_lux_s(exposure.camera) * first.sensitivity
 
@@ -277,16 +277,16 @@ def snr_db(exposure: Exposure, light: float) -> float | None:
     """Temporal signal to noise, dB, of a pixel with so much light, below saturation: EMVA 1288, noise of signal, dark
     charge, read-out and rounding; of several captures as merged. None without light."""
     camera = exposure.amplified.camera
-    if camera.captures:
+    if camera.sensor.captures:
         captures, _ = hdr.amplified(exposure.camera, exposure.gain_db)
         signal_e = light * _white_e(exposure)
         dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
         return hdr.snr_db(exposure.camera, captures, signal_e, dark_e=dark_e) if signal_e > 0 else None
     signal_e = light * _white_e(exposure)
     dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
-    bend_e2 = (camera.variance_factor(signal_e + dark_e) - 1) * (signal_e + dark_e)
+    bend_e2 = (camera.sensor.variance_factor(signal_e + dark_e) - 1) * (signal_e + dark_e)
     noise_e = math.sqrt(
-        signal_e + bend_e2 + camera.dark_variance_dn2(dark_e) / camera.system_gain_dn_per_e**2
+        signal_e + bend_e2 + camera.sensor.dark_variance_dn2(dark_e) / camera.sensor.system_gain_dn_per_e**2
     )
     return 20 * math.log10(signal_e / noise_e) if signal_e > 0 else None
 
@@ -310,17 +310,17 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
                     fastest.get(target.label, own), own, key=lambda each: math.hypot(*each)
                 )
     if plan.path is not None:
-        (stated, longest_s), readout_s = plan.path, camera.row_time_s * camera.height_px
-        half_s = sum(windows(camera.captures or (Capture(),), longest_s)[-1]) - longest_s / 2
-        half_s += readout_s if camera.shutter == "global-reset" else readout_s / 2
+        (stated, longest_s), readout_s = plan.path, camera.sensor.row_time_s * camera.sensor.height_px
+        half_s = sum(windows(camera.sensor.captures or (Capture(),), longest_s)[-1]) - longest_s / 2
+        half_s += readout_s if camera.sensor.shutter == "global-reset" else readout_s / 2
         path = stated.of(camera, size, longest_s, plan.seed)
         path.window(-half_s, half_s)
     for at in plan.conditions():
         exposure = replace(at.exposure(camera, vehicle=plan.vehicle), trajectory=path)
         if "exposure_s" in at.automatic:
-            exposure = replace(exposure, exposure_s=longest_first_s(camera.captures, plan.longest_s))
-        if camera.captures:
-            windows(camera.captures, exposure.exposure_s)
+            exposure = replace(exposure, exposure_s=longest_first_s(camera.sensor.captures, plan.longest_s))
+        if camera.sensor.captures:
+            windows(camera.sensor.captures, exposure.exposure_s)
         for label, own_px_s in fastest.items():
             plan.objects.check_crossing(label, own_px_s, exposure)
         if exposure.drives:

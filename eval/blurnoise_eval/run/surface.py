@@ -23,15 +23,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.scene import hdr
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.run.search_space import STEP, SearchSpace, exposures_on, spread
 
 CAUTION = 1.5
-"""Inflation of the kriging sigma, calibrated by ``python -m blurnoise_eval.bench decide``."""
+"""Inflation of the kriging sigma, calibrated on searches that were replayed on dense sweeps."""
 PER_STOP = 12  # predicted exposures on a line
 USUAL_LENGTH = 3.3  # stops
 _LENGTH_SPREAD = 0.6  # of its natural logarithm
@@ -62,8 +62,8 @@ class Trend(NamedTuple):
     def of(cls, camera: Camera) -> Trend:
         """That of a camera at its base gain."""
         per_lux_s = electrons_per_lux_s(camera)
-        noise_e = math.sqrt(camera.dark_variance_dn2()) / camera.system_gain_dn_per_e
-        captures = camera.captures or (Capture(),)
+        noise_e = math.sqrt(camera.sensor.dark_variance_dn2()) / camera.sensor.system_gain_dn_per_e
+        captures = camera.sensor.captures or (Capture(),)
         return cls(per_lux_s, noise_e, hdr.saturations_e(camera, captures)[-1] / per_lux_s)
 
     def features(self, places: Array) -> Array:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
 from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.plan.axes import NAMES, blur_px
@@ -122,7 +122,7 @@ class PreparedPicture(NamedTuple):
         """Raises ``UnreadablePicture``."""
         image = picture.load()
         height, width = image.shape[:2]
-        if work.camera.cfa not in ("none", "mono") and min(height, width) < 2:
+        if work.camera.sensor.cfa not in ("none", "mono") and min(height, width) < 2:
             raise UnreadablePicture(
                 f"{picture.name}: {width} x {height} px; must be at least 2 x 2 for a camera with a mosaic"
             )

@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.checks import limited
+from blurnoise.camera import Camera
 from blurnoise.motion.ego import USUAL_VEHICLE
-from blurnoise.optics.camera import Camera
 from blurnoise.scene import cutting
 from blurnoise.scene.cutting import Cut, Matte
 from blurnoise.scene.hdr import Flicker

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import hypot
 from typing import Any
 
@@ -14,12 +14,12 @@ from blurnoise import AutoExposure, ExposedScene, plan
 from blurnoise._core.checks import in_range, integer
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.blur.layers import object_motion, seen_behind
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import Capture, staggered, windows
+from blurnoise.camera.radiometry import filter_electrons, photoelectrons
+from blurnoise.camera.spectra import Curve, illuminant
 from blurnoise.light.conditions import middle_of
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, staggered, windows
-from blurnoise.optics.radiometry import filter_electrons, photoelectrons
-from blurnoise.optics.spectra import Curve, illuminant
 from blurnoise.picture.develop import in_channels
 from blurnoise.scene import hdr
 from blurnoise.scene.cutting import Cut
@@ -110,9 +110,11 @@ def _shot(given: SceneFile, camera: Camera, scene: Tensor) -> Shot:
     lens = {each.into.partition(".")[2]: at[each.name] for each in AXES
             if each.into.startswith("camera.") and each.name in at}  # fmt: skip
     camera = with_lens(_rolling(given.line_time_us, camera), **lens)
-    camera = replace(camera, sources={**camera.sources, **dict.fromkeys(lens, "given on the command line")})
+    camera = camera.with_figures(
+        sources={**camera.sources, **dict.fromkeys(lens, "given on the command line")}
+    )
     if given.hdr is not None:
-        camera = replace(camera, captures=_captures(given.hdr))
+        camera = camera.with_figures(captures=_captures(given.hdr))
     velocity = (at["velocity_x_px_s"], at["velocity_y_px_s"])
     moving, velocity = moving_parts(given, scene, velocity)
     at |= _exposure_of(given, camera, scene, lit_by, at)
@@ -185,18 +187,18 @@ def _figures(shot: Shot, dn: Tensor, size: tuple[int, int]) -> dict[str, Any]:
         "exposure_ms": 1e3 * shot.exposure_s,
         "gain_db": shot.gain_db,
         "white_electrons": shot.white_e,
-        "saturation_electrons": first.saturation_e,
+        "saturation_electrons": first.sensor.saturation_e,
         "blur_px": speed_px_s * shot.exposure_s,
         "mean_dn": float(dn.mean()),
-        "full_scale_dn": camera.full_scale_dn,
-        "clipped_percent": 100 * float((dn >= dn.new_tensor(first.saturated_dn)).float().mean()),
+        "full_scale_dn": camera.sensor.full_scale_dn,
+        "clipped_percent": 100 * float((dn >= dn.new_tensor(first.sensor.saturated_dn)).float().mean()),
     }
     if speeds is not None:
         found["longest_blur_px"] = float(speeds.max()) * shot.exposure_s
-    if camera.row_time_s:
-        found["readout_ms"] = 1e3 * camera.row_time_s * size[0] / camera.field.per_sensor_px(size)
-    if camera.cfa != "none":
-        found["cfa"] = camera.cfa
+    if camera.sensor.row_time_s:
+        found["readout_ms"] = 1e3 * camera.sensor.row_time_s * size[0] / camera.field.per_sensor_px(size)
+    if camera.sensor.cfa != "none":
+        found["cfa"] = camera.sensor.cfa
         per_lux_s = filter_electrons(camera, shot.illuminant)
         found |= {
             f"white_electrons_{each}": e * shot.lux * shot.exposure_s for each, e in per_lux_s.items() if each
@@ -273,5 +275,5 @@ def _rolling(line_time_us: float | None, camera: Camera) -> Camera:
     if line_time_us is None:
         return camera
     in_range("line_time_us", line_time_us, 0.0, 1e6)
-    rolls = "rolling" if camera.shutter == "global" else camera.shutter
-    return replace(camera, row_time_s=line_time_us / 1e6, shutter=rolls if line_time_us else "global")
+    rolls = "rolling" if camera.sensor.shutter == "global" else camera.sensor.shutter
+    return camera.with_figures(row_time_s=line_time_us / 1e6, shutter=rolls if line_time_us else "global")

@@ -1,13 +1,11 @@
 """Bits that depend on nothing around a call: not on gradients, not on autocast."""
 
-from dataclasses import replace
-
 import pytest
 import torch
 
 import blurnoise
 from blurnoise import Camera
-from blurnoise.optics.camera_files import PRESETS
+from blurnoise.camera.camera_files import PRESETS
 
 PICTURES = torch.rand(2, 3, 20, 27, generator=torch.Generator().manual_seed(1))
 LIT = {"exposure_s": 0.01, "illuminance_lux": 100.0}
@@ -54,8 +52,12 @@ def test_gradients_and_autocast_change_no_bit(door):
 @pytest.mark.parametrize("name", PRESETS)
 def test_no_camera_has_other_bits_with_gradients(name):
     camera = Camera.preset(name)
-    pictures = PICTURES[:, :1] if camera.cfa == "mono" else PICTURES
-    shutters = [camera] if camera.captures else [camera, replace(camera, shutter="rolling", row_time_s=2e-5)]
+    pictures = PICTURES[:, :1] if camera.sensor.cfa == "mono" else PICTURES
+    shutters = (
+        [camera]
+        if camera.sensor.captures
+        else [camera, camera.with_figures(shutter="rolling", row_time_s=2e-5)]
+    )
     for each in shutters:
         followed = taken(pictures.clone().requires_grad_(), each, generator=[5, 6])
         assert torch.equal(followed, taken(pictures, each, generator=[5, 6]))

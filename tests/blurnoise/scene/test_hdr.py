@@ -1,7 +1,6 @@
 """HDR and pulsed lamps: SNR at the switches, mean and noise of the blend, ghosts in closed form; phases of a lamp."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,15 +10,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from blurnoise import AutoExposure, Camera, ExposedScene, Exposure, Trajectory, simulate
+from blurnoise.camera.captures import Capture, staggered
+from blurnoise.camera.colour import srgb_from_linear
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.light.flicker import Flicker, Pwm
-from blurnoise.optics.captures import Capture, staggered
-from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene import fusion, hdr
 from blurnoise.scene.hdr import captured, developed, fuse
 
 IMX250 = Camera.preset("imx250")
-FINE = replace(IMX250, bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of
+FINE = IMX250.with_figures(bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of
 WELL_E = 10715.0
 LIT = {"exposure_s": 0.01, "illuminance_lux": 1.0}
 CLEAN: dict[str, Any] = {"generator": [0], "noise": False, "quantised": False}
@@ -76,7 +75,7 @@ def test_two_gains_on_one_exposure_share_their_noise_in_the_blend(second_db, sha
 
 def test_dark_current_is_noise_of_every_capture():
     """6000 e- of it in the first exposure, 375 in the second; without them the first would have 22 e-, not 81."""
-    warm = replace(FINE, dark_current_e_s=6e5, dark_reference_c=25.0, dark_doubling_c=8.0)
+    warm = FINE.with_figures(dark_current_e_s=6e5, dark_reference_c=25.0, dark_doubling_c=8.0)
     for electrons in (500.0, 40_000.0):
         expected = hdr.noise_e(warm, staggered(16), electrons, dark_e=6000.0)
         found = float(flat(electrons, staggered(16), warm).std())
@@ -107,7 +106,7 @@ def test_one_capture_is_the_plain_frame_to_the_bit():
     first, _ = captured(ExposedScene(light), IMX250, staggered(16), **at)
     steady, _ = captured(ExposedScene(light), IMX250, staggered(16), flicker=Flicker(Pwm(90.0, 1.0)), **at)
     assert all(torch.equal(plain, each) for each in (alone, first, steady))
-    expected = (plain - IMX250.black_level_dn) / IMX250.system_gain_dn_per_e
+    expected = (plain - IMX250.sensor.black_level_dn) / IMX250.sensor.system_gain_dn_per_e
     torch.testing.assert_close(fuse([alone], IMX250, (Capture(),)), expected)
     both = fused(light, IMX250, staggered(16), **at)
     assert torch.equal(both[1:], fused(light[1:], IMX250, staggered(16), **at | {"generator": [9]}))
@@ -147,14 +146,14 @@ def test_the_second_capture_lies_5_31_px_further_per_1000_px_s():
     for start_s, expected_px in ((None, 5.3125), (0.012, 7.3125)):
         captures = (Capture(), Capture(exposure_ratio=16, start_s=start_s))
         _, second = captured(ExposedScene(light), IMX250, captures, **lit(IMX250), **MOVED)
-        weights = (second - IMX250.black_level_dn).flatten()
+        weights = (second - IMX250.sensor.black_level_dn).flatten()
         assert float((weights * X).sum() / weights.sum()) == pytest.approx(expected_px, abs=0.02)
 
 
 @pytest.mark.parametrize(("name", "full_well_e"), [("imx250", WELL_E), ("imx250c", 5000.0)])
 def test_developed_white_is_white(name, full_well_e):
     """Of a mosaic, too, and where the well ends below the converter's range."""
-    camera = replace(Camera.preset(name), full_well_e=full_well_e)
+    camera = Camera.preset(name).with_figures(full_well_e=full_well_e)
     light = torch.full((1, 3, 8, 10), 8.0)
     light[..., 5:] = 4.0
     seen = developed(fused(light, camera, staggered(16, 64), **CLEAN), camera, white_e=8 * WELL_E)
@@ -169,7 +168,7 @@ def test_a_camera_file_states_captures(tmp_path):
         "base: imx250\ncaptures: [{}, {exposure_ratio: 16}, {exposure_ratio: 256.0}]\n"
     )
     camera = Camera.load(tmp_path / "mine.yaml")
-    assert camera.captures == staggered(16, 256)
+    assert camera.sensor.captures == staggered(16, 256)
     camera.save(tmp_path / "again.json")
     assert Camera.load(tmp_path / "again.json") == camera
     light = torch.full((1, 1, 3, 4), 0.5)
@@ -286,7 +285,7 @@ def test_a_path_goes_on_in_the_next_capture():
     path = Trajectory((-0.005, 0.005, 0.006), (0.0, 0.0, 16.0 * FINENESS), (0.0, 0.0, 0.0))
     frames = captured(light, IMX250, staggered(16), trajectory=path, **lit(IMX250), **CLEAN)
     for frame, middle_px, blur_px in zip(frames, (0.0, 5.0), (0.0, 10.0), strict=True):
-        weights = (frame - IMX250.black_level_dn).flatten()
+        weights = (frame - IMX250.sensor.black_level_dn).flatten()
         weights = weights / weights.sum()
         mean = float((weights * X).sum())
         assert mean == pytest.approx(middle_px, abs=0.02)
@@ -298,8 +297,8 @@ def test_a_lamp_goes_on_from_capture_to_capture():
     lamp = Flicker(Pwm(50.0, 0.05, 0.5))
     light = torch.full((1, 1, 2, 3), 0.02)
     first, second = captured(light, FINE, staggered(16), flicker=lamp, **lit(FINE), **CLEAN)
-    assert float(first.mean()) == pytest.approx(FINE.black_level_dn)
-    seen = (second - FINE.black_level_dn) / FINE.system_gain_dn_per_e
+    assert float(first.mean()) == pytest.approx(FINE.sensor.black_level_dn)
+    seen = (second - FINE.sensor.black_level_dn) / FINE.sensor.system_gain_dn_per_e
     assert float(seen.mean()) == pytest.approx(20 * 0.02 * WELL_E / 16, rel=1e-4)
 
 
@@ -307,7 +306,7 @@ def test_a_lamp_goes_on_from_capture_to_capture():
 @pytest.mark.parametrize("scan", ["down", "up"])
 def test_rows_see_the_lamp_when_they_are_exposed(shutter, scan):
     """Against the lit time of each row, counted; what a global reset adds to a row's time adds to its light."""
-    camera = replace(FINE, width_px=4, height_px=60, row_time_s=2e-4, shutter=shutter, scan=scan)
+    camera = FINE.with_figures(width_px=4, height_px=60, row_time_s=2e-4, shutter=shutter, scan=scan)
     light = torch.full((1, 1, 60, 4), 0.02)
     (seen,) = captured(light, camera, (Capture(),), flicker=Flicker(LED), **lit(camera, 0.003), **CLEAN)
     order = torch.arange(60) if scan == "down" else torch.arange(59, -1, -1)
@@ -316,14 +315,14 @@ def test_rows_see_the_lamp_when_they_are_exposed(shutter, scan):
     instants = start_s[:, None] + lasting_s[:, None] * (torch.arange(20_000).double() + 0.5) / 20_000
     on_s = ((90 * instants) % 1 < 0.1).double().mean(1) * lasting_s
     expected = 0.02 * WELL_E / 0.003 * on_s / 0.1
-    found = (seen[0, 0, :, 0] - camera.black_level_dn) / camera.system_gain_dn_per_e
+    found = (seen[0, 0, :, 0] - camera.sensor.black_level_dn) / camera.sensor.system_gain_dn_per_e
     torch.testing.assert_close(found.double(), expected, atol=2.0, rtol=2e-3)
     assert len(expected.unique()) > 5
 
 
 def test_gain_changes_the_noise_of_a_fused_picture_and_not_its_brightness():
     """Beyond the amplifier, too, where one capture has digital gain."""
-    camera = replace(IMX250, read_noise_post_share=0.9, captures=staggered(16))
+    camera = IMX250.with_figures(read_noise_post_share=0.9, captures=staggered(16))
     at: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 1.0, "encoding": "linear", "generator": [1]}
     seen = [hdr.pictures(torch.full((1, 1, 90, 90), 0.2), camera, gain_db=gain, **at) for gain in (0, 12, 40)]
     assert [float(each.mean()) for each in seen] == pytest.approx([0.2] * 3, rel=0.01)
@@ -337,11 +336,11 @@ def test_automatic_exposure_meters_the_first_capture():
     """At 12 dB a quarter of the time; of half the sensitivity twice as long."""
     usual = AutoExposure(frame_rate_hz=1.0)
     plain = usual.setting(IMX250, mean_light=0.2, illuminance_lux=100.0)
-    amplified = replace(IMX250, captures=dual_gain(20 * math.log10(4)))
+    amplified = IMX250.with_figures(captures=dual_gain(20 * math.log10(4)))
     assert usual.setting(amplified, mean_light=0.2, illuminance_lux=100.0).exposure_s == pytest.approx(
         plain.exposure_s / 4
     )
-    halved = replace(IMX250, captures=(Capture(sensitivity=0.5),))
+    halved = IMX250.with_figures(captures=(Capture(sensitivity=0.5),))
     assert usual.setting(halved, mean_light=0.2, illuminance_lux=100.0).exposure_s == pytest.approx(
         plain.exposure_s * 2
     )
@@ -351,7 +350,7 @@ def test_automatic_exposure_meters_the_first_capture():
 def test_frames_are_the_pictures_with_8_bits(name):
     """Of cameras of one capture those of the scene, to the bit; grey light comes back with its channels."""
     plain = Camera.preset(name)
-    several = replace(plain, captures=staggered(16))
+    several = plain.with_figures(captures=staggered(16))
     light = torch.rand(1, 3, 24, 31, generator=torch.Generator().manual_seed(1))
     scene = ExposedScene(light)
     exposures = [
@@ -379,7 +378,7 @@ def test_frames_are_the_pictures_with_8_bits(name):
 @pytest.mark.parametrize(("name", "range_db"), [("ar0132x3", 111.4), ("ovsplit", 114.2)])
 def test_presets_reach_the_range_of_their_captures(name, range_db):
     camera = Camera.preset(name)
-    assert hdr.dynamic_range_db(camera, camera.captures) == pytest.approx(range_db, abs=0.1)
-    ends = hdr.saturations_e(camera, camera.captures)
+    assert hdr.dynamic_range_db(camera, camera.sensor.captures) == pytest.approx(range_db, abs=0.1)
+    ends = hdr.saturations_e(camera, camera.sensor.captures)
     expected = [5890.0, 94_240.0, 1_507_840.0] if name == "ar0132x3" else [22_000 * 49 / 200, 22_000, 790_000]
     assert ends == pytest.approx(expected, rel=2e-3)

@@ -1,6 +1,5 @@
 """Commands that have no file of their own here: what each prints and leaves."""
 
-import csv
 import json
 import subprocess
 import sys
@@ -12,16 +11,14 @@ import pandas
 import pytest
 from blurnoise_eval.cli.chart import CHARTS
 from blurnoise_eval.datasets import write_picture
-from blurnoise_eval.deciding import decision
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.paper import items
 from blurnoise_eval.program.optimise import Stages
-from blurnoise_eval.run.run import asked
-from blurnoise_eval.store.store import Store
+from blurnoise_eval.run import search
+from blurnoise_eval.run.run import Run
 from commands import main, told
 from signs_in_memory import matched_detector, sign
 
-from blurnoise.optics.camera import PRESETS, Camera
+from blurnoise.camera import PRESETS, Camera
 
 CROSSING = "motion --speed-kmh 100 --distance-m 50 --target-width-m 4.9 --exposure-ms 15"
 DECIDED = "--exposure-ms 8:32 --lux 1,2,5,20 --dx 0,100,200 --gain 0 --keep 0.8"
@@ -91,39 +88,9 @@ def test_train_writes_a_detector_that_says_how_it_was_made(tmp_path, capsys):
     assert not (tmp_path / "training.checkpoint").exists()
 
 
-def verdicts(folder, *names, code=0):
-    """Of the items of the paper."""
-    only = [word for name in names for word in ("--only", name)]
-    assert main(["paper", "-o", folder / "out", "--quick", *only]) == code
-    with (folder / "out" / "paper.csv").open(newline="") as file:
-        return {row["verdict"] for row in csv.DictReader(file)}
-
-
-def test_paper_says_what_agrees_and_ends_with_1_where_something_differs(tmp_path, capsys, monkeypatch):
-    assert verdicts(tmp_path, "table-2", "quanta") == {"agrees"}
-    assert "10 of 10 statements of the paper agree." in capsys.readouterr().out
-    monkeypatch.setattr(items, "QUANTA", 5000.0)
-    assert verdicts(tmp_path, "quanta", code=1) == {"differs"}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("names", "found"),
-    [
-        (("mtf50", "mtf50-dx", "patch-snr", "edge-snr", "clipping", "sic", "neq"), {"agrees"}),
-        (("detection", "maps"), {"agrees", "differs", "not judged"}),  # a detector that bears more blur
-        (("ocr-dx",), {"agrees", "not judged"}),
-    ],
-)
-def test_the_paper_agrees(tmp_path, names, found):
-    if "ocr-dx" in names:
-        pytest.importorskip("rapidocr")
-    assert verdicts(tmp_path, *names, code=int("differs" in found)) == found
-
-
 @pytest.mark.slow
 def test_decide_answers_and_report_says_the_same(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(decision, "MOST_NODES", 12)
+    monkeypatch.setattr(search, "MOST_NODES", 12)
     run = tmp_path / "run"
     (tmp_path / "pictures").mkdir()
     for index in range(8):
@@ -132,8 +99,7 @@ def test_decide_answers_and_report_says_the_same(tmp_path, capsys, monkeypatch):
     words = ["--model", matched_detector(tmp_path).path, "--images", tmp_path / "pictures", "-o", run]
     assert main(["decide", *words, *DECIDED.split()]) == 0
     first = " ".join(capsys.readouterr().out.split())
-    with Store(run) as store:
-        n_nodes = sum(len(batch.conditions) for batch in asked(store))
+    n_nodes = sum(len(batch.conditions) for batch in Run.open(run).setup.batches)
     assert f"{n_nodes} conditions with 8 pictures: {8 * n_nodes} cells" in first
     assert (run / "report.html").stat().st_size > 100_000
     assert len((run / "answers.csv").read_text().splitlines()) == 1 + 12

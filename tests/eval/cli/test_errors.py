@@ -10,7 +10,7 @@ from commands import main
 
 from blurnoise import charts
 from blurnoise._core.checks import OutOfRange
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 
 Output = pytest.CaptureFixture[str]
 
@@ -75,9 +75,8 @@ COMMANDS = {
     "chart": [("flat-patch --size nan -o out.png", "--size = nan: must be finite")],
     "bench -o run": [
         ("blur --threads 0", "threads"),
-        ("blur --model m.onnx", "--model: is for 'decide and sweep'"),
+        ("blur --model m.onnx", "--model: is for 'sweep'"),
     ],
-    "paper -o run": [("--only sharpness", "only = 'sharpness'"), ("--threads 0", "threads")],
     "scenes -o run": [("--count 0", "count = 0"), ("--size 100000000", "size_px = 100000000")],
     "quality -o run": [
         ("--repeats 0", "repeats"),

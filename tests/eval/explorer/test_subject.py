@@ -36,8 +36,8 @@ def test_numbers_are_those_of_their_formulas(signs):
     values = {name: value for name, (_, value, _) in numbers.items()}
     white_e = photoelectrons(CAMERA, 2.0, 0.02)
     grey_e = 0.18 * white_e
-    dark_dn2 = CAMERA.dark_variance_dn2(CAMERA.dark_current_e_s * 0.02)
-    noise_e = math.sqrt(grey_e + dark_dn2 / CAMERA.system_gain_dn_per_e**2)
+    dark_dn2 = CAMERA.sensor.dark_variance_dn2(CAMERA.sensor.dark_current_e_s * 0.02)
+    noise_e = math.sqrt(grey_e + dark_dn2 / CAMERA.sensor.system_gain_dn_per_e**2)
     assert values["white_electrons"] == pytest.approx(white_e)
     assert values["blur_px"] == pytest.approx(0.02 * 1250)
     assert values["snr_db"] == pytest.approx(20 * math.log10(grey_e / noise_e), abs=0.05)

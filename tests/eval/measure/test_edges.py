@@ -22,9 +22,9 @@ from torch import Tensor
 
 from blurnoise import charts
 from blurnoise.blur.convolution import motion_blur
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.metrics import Flag, information
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.colour import srgb_from_linear
 
 Output = pytest.CaptureFixture[str]
 BLACK, STEP = (

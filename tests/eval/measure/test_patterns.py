@@ -14,8 +14,8 @@ from blurnoise_eval.measure.frames import Pair, Validation
 
 from blurnoise import Camera
 
-CAMERA = replace(
-    Camera.preset("imx250m"), cfa="none", system_gain_dn_per_e=0.5, read_noise_e=5.0, row_noise_e=0.0,
+CAMERA = Camera.preset("imx250m").with_figures(
+    cfa="none", system_gain_dn_per_e=0.5, read_noise_e=5.0, row_noise_e=0.0,
     column_noise_e=0.0, prnu=0.006, prnu_row=0.0, prnu_column=0.0, dsnu_e=3.0, dsnu_row_e=0.0, dsnu_column_e=0.0,
     dark_current_e_s=0.0, black_level_dn=40.0, full_well_e=8000.0, black_level_drift_dn=0.0,
 )  # fmt: skip
@@ -34,17 +34,19 @@ def folder(
         parts = (pixel, (height, width)), (row, (height, 1)), (column, (1, width))
         return sum((sigma * random.standard_normal(shape) for sigma, shape in parts), np.zeros(size))
 
-    response = 1 + normal(camera.prnu, camera.prnu_row, camera.prnu_column)
+    response = 1 + normal(camera.sensor.prnu, camera.sensor.prnu_row, camera.sensor.prnu_column)
     response *= np.tile(np.reshape(site, (2, 2)), (size[0] // 2, size[1] // 2))
-    offset = normal(camera.dsnu_e, camera.dsnu_row_e, camera.dsnu_column_e)
+    offset = normal(camera.sensor.dsnu_e, camera.sensor.dsnu_row_e, camera.sensor.dsnu_column_e)
     path.mkdir()
     lines = ["file,kind,exposure_s,gain_db"]
     for number, share in enumerate((0.0, 0.0, *SHARES[:levels])):
         exposure_s = 0.02 * share if share else 0.001 * (1 + number)
         for place in range(2):
-            charge = random.poisson(share * camera.full_well_e * np.maximum(response, 0.0))
-            noise = normal(camera.read_noise_e, camera.row_noise_e, camera.column_noise_e)
-            dn = camera.system_gain_dn_per_e * (charge + offset + noise) + camera.black_level_dn
+            charge = random.poisson(share * camera.sensor.full_well_e * np.maximum(response, 0.0))
+            noise = normal(
+                camera.sensor.read_noise_e, camera.sensor.row_noise_e, camera.sensor.column_noise_e
+            )
+            dn = camera.sensor.system_gain_dn_per_e * (charge + offset + noise) + camera.sensor.black_level_dn
             frame = np.clip(np.round(dn), 0, 4095).astype("<u2")
             name = f"{number}_{place}.{kind}"
             np.save(path / name, frame) if kind == "npy" else frame.tofile(path / name)
@@ -64,7 +66,7 @@ def folder(
 )
 def test_same_rows_and_columns_agree_but_for_chance(tmp_path, whole):
     """At most one validation of 20 is to find a difference; of 16, 4 or more once in 140."""
-    camera, wrong = replace(CAMERA, **whole), 0
+    camera, wrong = CAMERA.with_figures(**whole), 0
     for seed in range(16):
         frames = folder(tmp_path / f"{seed}", camera, seed=seed, size=(192, 256))
         found = held_out.validate(frames, camera, seed=1000 + seed)
@@ -85,7 +87,7 @@ def test_octaves_leave_whole_rows_and_columns_out(name):
 
 def test_mean_is_as_uncertain_as_few_rows_and_columns(tmp_path):
     """Of 96 columns of 6 e- the mean varies by 6 / sqrt 96, of 64 rows of 4 e- by 4 / 8; in both, by sqrt 2 more."""
-    camera = replace(CAMERA, dsnu_row_e=4.0, dsnu_column_e=6.0)
+    camera = CAMERA.with_figures(dsnu_row_e=4.0, dsnu_column_e=6.0)
     found = held_out.validate(folder(tmp_path / "frames", camera), camera)
     half = 1.96 * 0.5 * math.sqrt(2 * (6**2 / 96 + 4**2 / 64)) / 40
     for each in found.of("mean", "dark"):
@@ -101,7 +103,7 @@ def test_camera_counts_gains_as_its_fit_did(tmp_path):
     camera = Camera.load(tmp_path / "mine.yaml")
     assert to_camera.lowest_gain_db(camera) == 6.0
     used = held_out.validate(frames, camera).camera
-    assert used.system_gain_dn_per_e == pytest.approx(fitted.system_gain_dn_per_e)
+    assert used.sensor.system_gain_dn_per_e == pytest.approx(fitted.sensor.system_gain_dn_per_e)
     assert held_out._at_gain(camera, 12.0) == camera.at_gain(6.0).camera
     assert (
         held_out._at_gain(CAMERA, 6.0) == CAMERA.at_gain(6.0).camera
@@ -138,7 +140,7 @@ def test_green_pixels_of_a_mosaic_are_compared(tmp_path):
     """With those of a camera whose mosaic the frames have, too: of 32 x 48 px, 16 x 24."""
     frames = folder(tmp_path / "frames", size=(32, 48), site=(0.6, 1.0, 1.0, 0.5))
     colour = Camera.preset("imx250c")
-    camera = replace(CAMERA, cfa=colour.cfa, quantum_efficiency=colour.quantum_efficiency)
+    camera = CAMERA.with_figures(cfa=colour.sensor.cfa, quantum_efficiency=colour.sensor.quantum_efficiency)
     found = held_out.validate(frames, camera, cfa="RGGB")
     assert found.pairs[0].real.shape == (2, 16, 24)
     assert not [each for each in found.comparisons if each.verdict == DIFFERS]

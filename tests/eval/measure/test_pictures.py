@@ -3,7 +3,6 @@
 import json
 import math
 import re
-from dataclasses import replace
 from statistics import NormalDist
 
 import cv2
@@ -16,7 +15,7 @@ from blurnoise_eval.measure.pictures import Quantity, compare, pair_of
 from blurnoise import Camera, charts
 from blurnoise.sensor.readout import read_out
 
-CAMERA = replace(Camera.preset("imx250"), black_level_dn=20.0)
+CAMERA = Camera.preset("imx250").with_figures(black_level_dn=20.0)
 SIZE = (257, 320)
 
 
@@ -76,8 +75,8 @@ def test_noise_is_the_cameras():
     """Levels of 250 squares of 16 x 16 px: a deviation to 0.3 %; the edge's own squares are left out."""
     noise = [each for each in compared(picture(0), picture(1)) if each.name.startswith("noise at")]
     for each, reflectance in zip(noise, (0.1, 0.8), strict=True):
-        gain = CAMERA.system_gain_dn_per_e
-        expected = gain * np.sqrt(5000 * reflectance + CAMERA.dark_variance_dn2() / gain**2) / 4075
+        gain = CAMERA.sensor.system_gain_dn_per_e
+        expected = gain * np.sqrt(5000 * reflectance + CAMERA.sensor.dark_variance_dn2() / gain**2) / 4075
         assert each.simulated == pytest.approx(expected, rel=0.02)
         assert each.real == pytest.approx(expected, rel=0.02)
 
@@ -92,7 +91,7 @@ def test_what_differs_is_told_apart():
     blurred = verdicts(compared(simulated, picture(1, blur=1.0)))
     assert blurred["MTF50"].startswith("differs by -")
     assert blurred["mean"] == "agree"
-    noisier = compared(simulated, picture(1, camera=replace(CAMERA, read_noise_e=30.0)))
+    noisier = compared(simulated, picture(1, camera=CAMERA.with_figures(read_noise_e=30.0)))
     darkest = next(each for each in noisier if each.name.startswith("noise"))
     assert darkest.difference > 0.1
     assert verdicts(noisier)["mean"] == "agree"

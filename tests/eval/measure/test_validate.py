@@ -2,7 +2,6 @@
 
 import csv
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +14,8 @@ from blurnoise_eval.measure.comparison import DIFFERS, Stack, compare
 from blurnoise import Camera
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "real" / "emva_ccd"
-CAMERA = replace(
-    Camera.preset("imx250m"), cfa="none", system_gain_dn_per_e=0.4, read_noise_e=8.0, prnu=0.005, dsnu_e=1.0,
+CAMERA = Camera.preset("imx250m").with_figures(
+    cfa="none", system_gain_dn_per_e=0.4, read_noise_e=8.0, prnu=0.005, dsnu_e=1.0,
     dark_current_e_s=0.0, black_level_dn=40.0, full_well_e=9000.0, quantum_efficiency=0.5, prnu_row=0.0,
     prnu_column=0.0,
 )  # fmt: skip
@@ -25,11 +24,14 @@ PHOTONS = np.array([400.0, 1600.0, 3600.0, 6400.0, 10000.0])
 
 def frames(electrons, random, size=(96, 128), count=2, rows=0.0):
     """Frames (count, H, W) of CAMERA by NumPy alone; rows: of the read noise, that whole rows have beside it."""
-    pattern = 1 + CAMERA.prnu * random.standard_normal(size), CAMERA.dsnu_e * random.standard_normal(size)
+    pattern = (
+        1 + CAMERA.sensor.prnu * random.standard_normal(size),
+        CAMERA.sensor.dsnu_e * random.standard_normal(size),
+    )
     charge = random.poisson(electrons * pattern[0], (count, *size))
-    noise = CAMERA.read_noise_e * random.standard_normal((count, *size))
-    noise += rows * CAMERA.read_noise_e * random.standard_normal((count, size[0], 1))
-    dn = CAMERA.system_gain_dn_per_e * (charge + noise + pattern[1]) + CAMERA.black_level_dn
+    noise = CAMERA.sensor.read_noise_e * random.standard_normal((count, *size))
+    noise += rows * CAMERA.sensor.read_noise_e * random.standard_normal((count, size[0], 1))
+    dn = CAMERA.sensor.system_gain_dn_per_e * (charge + noise + pattern[1]) + CAMERA.sensor.black_level_dn
     return np.clip(np.round(dn), 0, 4095).astype(np.uint16)
 
 
@@ -40,7 +42,7 @@ def folder(path, seed, rows=0.0, size=(96, 128)):
     lines = ["file,kind,exposure_s,photons_per_px"]
     levels = [("dark", 1.0, ""), ("dark", 2.0, ""), *(("flat", each / 1e6, each) for each in PHOTONS)]
     for number, (kind, exposure_s, photons) in enumerate(levels):
-        electrons = CAMERA.quantum_efficiency * photons if photons else 0.0
+        electrons = CAMERA.sensor.quantum_efficiency * photons if photons else 0.0
         for place, frame in enumerate(frames(electrons, random, size, rows=rows)):
             name = f"{number}_{place}.npy"
             np.save(path / name, frame)
@@ -73,13 +75,13 @@ def test_rows_that_the_simulator_lacks_differ(tmp_path):
     assert "on dark frames" in found.answer
     assert "rows in time (2 of 2)" in found.answer
     simulated = held_out.validate(
-        tmp_path / "frames", replace(CAMERA, row_noise_e=0.16 * CAMERA.read_noise_e)
+        tmp_path / "frames", CAMERA.with_figures(row_noise_e=0.16 * CAMERA.sensor.read_noise_e)
     )
     assert all(each.verdict != DIFFERS for each in simulated.of("rows", "dark"))
 
 
 def test_wrong_figures_differ(tmp_path):
-    wrong = replace(CAMERA, read_noise_e=9.0, system_gain_dn_per_e=0.42)
+    wrong = CAMERA.with_figures(read_noise_e=9.0, system_gain_dn_per_e=0.42)
     found = held_out.validate(folder(tmp_path / "frames", 2, size=(256, 256)), wrong)
     assert found.of("variance", "dark")[0].difference == pytest.approx(
         (8 * 0.4) ** 2 / (9 * 0.42) ** 2 - 1, abs=0.02

@@ -40,7 +40,7 @@ def grids(draw):
             grid[axis.name] = draw(st.lists(places, min_size=1, max_size=3, unique=True))
             continue
         low = axis.low + 0.001 if axis.positive else axis.low
-        high = IMX250.gain_max_db if axis.name == "gain_db" else axis.high
+        high = IMX250.sensor.gain_max_db if axis.name == "gain_db" else axis.high
         value = st.floats(max(low, -500.0), min(high, 500.0), allow_subnormal=False).map(
             lambda v: round(v, 3)
         )

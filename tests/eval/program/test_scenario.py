@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.program.problem import inputs_of
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, mean_light
-from blurnoise_eval.store.store import Store
+from blurnoise_eval.run.evaluation import evaluate
 from signs_in_memory import CAMERA, TWO, matched_detector
 
 from blurnoise.scene.metering import USUAL
@@ -90,7 +89,7 @@ def test_time_and_gain_make_the_total():
         gain = 10 ** (metering.gain_db(10.0, time_s) / 20)
         assert gain * time_s == pytest.approx(total_s, rel=2e-3)  # dark charge
     assert metering.gain_db(10.0, 10.0) == 0.0
-    assert metering.gain_db(10.0, 1e-6) == CAMERA.gain_max_db
+    assert metering.gain_db(10.0, 1e-6) == CAMERA.sensor.gain_max_db
 
 
 def test_mean_light_follows_from_gains():
@@ -108,9 +107,8 @@ def test_a_sweep_has_planes_for_its_lights_above_zero(tmp_path):
     grid = {"exposure_s": (0.008, 0.032), "illuminance_lux": (0.0, 2.0, 5.0), "velocity_x_px_s": (0.0, 200.0)}
     plan = SweepPlan(grid | {"velocity_y_px_s": (0.0,), "gain_db": (AUTOMATIC,)})
     question = Question(threshold=0.5)
-    done = evaluate(matched_detector(tmp_path), TWO, CAMERA, plan, question, tmp_path, refine=False)
-    with Store(tmp_path) as store:
-        found = inputs_of(store, done.criterion)
+    done = evaluate(matched_detector(tmp_path), TWO, CAMERA, plan, question, tmp_path, strategy="grid")
+    found = inputs_of(done)
     asked = found.scenario
     assert (asked.lights_lux[0], asked.lights_lux[-1], found.exposures_s) == (2.0, 5.0, (0.008, 0.032))
     assert asked.speeds_px_s == {0.0: 0.5, 200.0: 0.5}

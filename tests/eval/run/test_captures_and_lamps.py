@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.datasets import decode, rendered_signs, target_mask, write_picture
-from blurnoise_eval.evaluation import Evaluation
-from blurnoise_eval.explorer.run import Run as ExploredRun
 from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.files import PlanFile
@@ -18,16 +16,17 @@ from blurnoise_eval.plan.lamps import Lamps
 from blurnoise_eval.plan.plan import usual_plan
 from blurnoise_eval.run.exposing import Scene, check_plan, frames, snr_db
 from blurnoise_eval.run.merging import merge
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import Store
 from commands import main
 from signs_in_memory import BOX, CAMERA, matched_detector, noise, picture, picture_set, sign
 
 from blurnoise import AutoExposure, Exposure, photoelectrons
+from blurnoise.camera.captures import Capture, longest_first_s, staggered, windows
 from blurnoise.light.flicker import Pwm
-from blurnoise.optics.captures import Capture, longest_first_s, staggered, windows
 
-HDR = replace(CAMERA, captures=staggered(16))
-ROLLING = replace(CAMERA, row_time_s=2e-5, shutter="rolling")
+HDR = CAMERA.with_figures(captures=staggered(16))
+ROLLING = CAMERA.with_figures(row_time_s=2e-5, shutter="rolling")
 TARGETS = Lamps(pwm="90,0.1", pwm_mask="targets")
 LIT = {"illuminance_lux": 300.0}
 
@@ -63,8 +62,7 @@ def test_a_sweep_takes_the_picture_that_simulate_takes(tmp_path, gain, captures,
     (tmp_path / "c.yaml").write_text(f"base: imx250\ncaptures: {captures}\n")
     words = f"--camera {tmp_path / 'c.yaml'} --exposure-ms 2 --lux 3000 --dx 500 --gain {gain}"
     expected = simulated(tmp_path, words, {"hdr_white": 4})
-    camera = replace(
-        CAMERA,
+    camera = CAMERA.with_figures(
         captures=staggered(16) if "ratio" in captures else (Capture(gain_db=12.0), Capture(start_s=0.0)),
     )
     at = {"exposure_s": 0.002, "illuminance_lux": 3000.0, "velocity_x_px_s": 500.0}
@@ -78,7 +76,7 @@ def test_it_sees_lamps_as_simulate_does(tmp_path, capsys):
     (tmp_path / "c.yaml").write_text(
         "base: imx250\nrow_time_s: 2.0e-5\nshutter: rolling\ncaptures: [{}, {exposure_ratio: 4}]\n"
     )
-    camera, mask = replace(ROLLING, captures=staggered(4)), mask_file(tmp_path)
+    camera, mask = ROLLING.with_figures(captures=staggered(4)), mask_file(tmp_path)
     given = {"emitters": f"{mask}:9", "pwm": "90,0.1", "pwm_mask": mask}
     lamps = replace(TARGETS, emitters="targets:9")
     at = {"exposure_s": 0.009, "illuminance_lux": 30.0, "velocity_x_px_s": 100.0}
@@ -96,7 +94,7 @@ def test_a_path_goes_on_to_the_last_capture(tmp_path, capsys):
     expected = simulated(tmp_path, "--camera imx250 --exposure-ms 8 --lux 300 --trajectory shake:9 --hdr 2")
     at = {"exposure_s": 0.008, **LIT}
     plan = SweepPlan({name: (value,) for name, value in at.items()}, trajectory="shake:9")
-    frame = framed(Scene(sign(), plan), at, replace(CAMERA, captures=staggered(2)))
+    frame = framed(Scene(sign(), plan), at, CAMERA.with_figures(captures=staggered(2)))
     np.testing.assert_array_equal(frame.image, expected)
 
 
@@ -112,9 +110,9 @@ def test_saturation_of_a_merged_picture():
 
 def test_signal_to_noise_is_that_of_the_merged_pixel():
     """White of 2 lux s is beyond the first capture: the second's electrons, 16 times each, with its own noise."""
-    camera = replace(HDR, read_noise_e=10.0, prnu=0.0, dsnu_e=0.0)
+    camera = HDR.with_figures(read_noise_e=10.0, prnu=0.0, dsnu_e=0.0)
     white_e = photoelectrons(camera, 200.0, 0.01)
-    noise_e = 16 * math.sqrt(white_e / 16 + 10.0**2 + 1 / 12 / camera.system_gain_dn_per_e**2)
+    noise_e = 16 * math.sqrt(white_e / 16 + 10.0**2 + 1 / 12 / camera.sensor.system_gain_dn_per_e**2)
     found = snr_db(Exposure(camera, exposure_s=0.01, illuminance_lux=200.0), 1.0)
     assert found == pytest.approx(20 * math.log10(white_e / noise_e), abs=0.05)
     assert snr_db(Exposure(camera, exposure_s=0.01, illuminance_lux=200.0), 0.0) is None
@@ -125,12 +123,12 @@ def test_captures_end_within_the_frame():
     later = (Capture(), Capture(exposure_ratio=4, start_s=0.02))
     assert longest_first_s(later, 0.021) == pytest.approx(0.004)
     assert longest_first_s((), 0.02) == 0.02
-    camera = replace(CAMERA, captures=staggered(4, 16))
+    camera = CAMERA.with_figures(captures=staggered(4, 16))
     found = AutoExposure(frame_rate_hz=50.0).setting(camera, mean_light=0.2, illuminance_lux=0.01)
-    assert sum(windows(camera.captures, found.exposure_s)[-1]) == pytest.approx(0.02)
+    assert sum(windows(camera.sensor.captures, found.exposure_s)[-1]) == pytest.approx(0.02)
     plan = SweepPlan({"exposure_s": (0.001, 0.03), "illuminance_lux": (50.0,)})
     with pytest.raises(ValueError, match="captures: number 2, 20 to"):
-        check_plan(plan, replace(CAMERA, captures=later), picture_set(picture("p")))
+        check_plan(plan, CAMERA.with_figures(captures=later), picture_set(picture("p")))
 
 
 @pytest.mark.parametrize(("camera", "rows"), [(CAMERA, 1), (ROLLING, 24)])
@@ -147,7 +145,9 @@ def test_share_of_missed_pulses_is_the_closed_form(camera, rows, exposure_s):
     missed = [scene.missed_pulse(replace(taken, lamp=lamps.pulses(repeat, 3))) for repeat in range(1000)]
     first, last = np.flatnonzero(scene.lamp_mask.numpy().any(1))[[0, -1]]
     assert rows == 1 or abs(last - first + 1 - rows) <= 1
-    lasting = exposure_s + (last - first) * camera.row_time_s / camera.field.per_sensor_px(sign().shape[:2])
+    lasting = exposure_s + (last - first) * camera.sensor.row_time_s / camera.field.per_sensor_px(
+        sign().shape[:2]
+    )
     assert np.mean(missed) == pytest.approx(Pwm(90.0, 0.1).dark_probability(lasting), abs=0.002)
 
 
@@ -246,7 +246,7 @@ def run(tmp_path_factory):
     plan = SweepPlan(grid, repeats=10, lamps=replace(TARGETS, pwm_phase=phases))
     shown = picture_set(picture("a"), picture("b", lambda: noise(40, 51), None))
     shown = replace(shown, pictures=(shown.pictures[0], replace(shown.pictures[1], targets=())))
-    done = evaluate(matched_detector(folder), shown, HDR, plan, output=folder / "run", refine=False)
+    done = evaluate(matched_detector(folder), shown, HDR, plan, output=folder / "run", strategy="grid")
     done.report()
     return folder / "run"
 
@@ -263,17 +263,17 @@ def test_tables_carry_phase_and_missed_pulses(run):
     assert {at: float(share) for at, share in shares.items()} == {0.001: 0.9, 0.003: 0.7, 0.012: 0.0}
     page = (run / "report.html").read_text()
     assert "Share of pictures that miss the pulsed lamp" in page
-    (answer,) = Evaluation(run).answers
+    (answer,) = Run.open(run).answers
     assert answer["window_from_limited_by"] == "missed pulses"
 
 
 def test_a_cell_of_the_run_is_taken_again(run):
     """As the explorer shows it: the phase of its repeat, and all captures."""
-    explored = ExploredRun(run, trusted=True)
+    explored = Run.open(run, trust=True)
     cell = explored.cell(image="a", repeat=7, exposure_s=0.003)
     frame = explored.expose(Scene(sign(), explored.plan, picture("a")), cell)
     assert frame.exposure.lamp == Pwm(90.0, 0.1, 0.7)
-    assert len(frame.exposure.camera.captures) == 2
+    assert len(frame.exposure.camera.sensor.captures) == 2
 
 
 def test_a_run_without_lamps_has_the_columns_of_before(tmp_path):
@@ -293,10 +293,10 @@ def test_parts_of_a_run_under_a_lamp_are_joined(tmp_path):
     plan = SweepPlan({"exposure_s": (0.003,), "illuminance_lux": (50.0,)}, lamps=TARGETS)
     shown = picture_set(*(picture(name) for name in "abcdef"))
     detector = matched_detector(tmp_path)
-    evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", refine=False)
+    evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", strategy="grid")
     parts = [tmp_path / f"part{number}" for number in (1, 2)]
     for number, part in enumerate(parts, 1):
-        evaluate(detector, shown, CAMERA, plan, output=part, part=f"{number}/2", refine=False)
+        evaluate(detector, shown, CAMERA, plan, output=part, part=f"{number}/2", strategy="grid")
     merge(parts, tmp_path / "joined")
 
     def lamps(folder):

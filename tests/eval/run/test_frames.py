@@ -1,7 +1,6 @@
 """Frames and boxes of cells: exposures that the camera sets, saturation, noise, paths, vehicles, objects."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from blurnoise.motion.ego import Vehicle
 from blurnoise.picture.develop import develop_8bit
 
 AUTO = {"exposure_s": math.inf, "gain_db": math.inf}
-SMALL_WELL = replace(CAMERA, full_well_e=0.3 * CAMERA.full_well_e)
+SMALL_WELL = CAMERA.with_figures(full_well_e=0.3 * CAMERA.sensor.full_well_e)
 
 
 def frame_of(image, at, camera=CAMERA, seed=3, plan=None):
@@ -70,10 +69,12 @@ def test_share_of_values_at_the_well_or_at_full_scale(camera, lux_s, share):
 
 def test_signal_to_noise_has_shot_dark_and_read_noise():
     """EMVA 1288: white of 0.02 lux s beside 300 e- of dark charge, 10 e- of read noise and the rounding to codes."""
-    camera = replace(CAMERA, dark_current_e_s=3000.0, read_noise_e=10.0, prnu=0.0, dsnu_e=0.0)
-    exposure = Exposure(camera, exposure_s=0.1, illuminance_lux=0.2, temperature_c=camera.dark_reference_c)
+    camera = CAMERA.with_figures(dark_current_e_s=3000.0, read_noise_e=10.0, prnu=0.0, dsnu_e=0.0)
+    exposure = Exposure(
+        camera, exposure_s=0.1, illuminance_lux=0.2, temperature_c=camera.sensor.dark_reference_c
+    )
     white_e = photoelectrons(camera, 0.2, 0.1)
-    noise_e = math.sqrt(white_e + 300.0 + 10.0**2 + 1 / 12 / camera.system_gain_dn_per_e**2)
+    noise_e = math.sqrt(white_e + 300.0 + 10.0**2 + 1 / 12 / camera.sensor.system_gain_dn_per_e**2)
     assert snr_db(exposure, 1.0) == pytest.approx(20 * math.log10(white_e / noise_e), abs=1e-3)
 
 

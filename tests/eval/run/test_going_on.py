@@ -148,7 +148,7 @@ import pickle, sys
 from pathlib import Path
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.run.engines import ThreadEngine
-from blurnoise_eval.run.computing import run
+from blurnoise_eval.run.computing import compute
 from blurnoise_eval.system import working_folder
 from blurnoise_eval.system.urls import location
 from signs_in_memory import CAMERA
@@ -156,7 +156,7 @@ given, where = sys.argv[1:]
 detector, pictures, plan = pickle.loads(Path(given).read_bytes())
 with working_folder.written_run(location(where)) as folder, Store(folder.path, create=True) as store:
     told = lambda cells: print(cells, flush=True)
-    run([detector], CAMERA, pictures, plan, store, engine=ThreadEngine(2), progress=told)
+    compute([detector], CAMERA, pictures, plan, store, engine=ThreadEngine(2), progress=told)
 """
 
 

@@ -21,7 +21,6 @@ COMMANDS = {
     "program": "program {run} -o {out}/program",
     "merge": "merge {run} -o {out}/merged",
     "explore": "explore {run} -o {out}/seen.png --model none",
-    "maps": "maps {run} -o {out}/maps",
 }
 
 

@@ -18,11 +18,12 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.plan.axes import NAMES
 from blurnoise_eval.plan.conditions import cell_seed
 from blurnoise_eval.plan.plan import SweepPlan
-from blurnoise_eval.report.run import read_run
-from blurnoise_eval.run import computing as sweep
 from blurnoise_eval.run import identity
 from blurnoise_eval.run.coco_export import write_detections
+from blurnoise_eval.run.computing import compute
 from blurnoise_eval.run.engines import ThreadEngine
+from blurnoise_eval.run.setup import Setup
+from blurnoise_eval.run.tables import tables_of
 from blurnoise_eval.run.work import blocks, count_cells
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
@@ -37,8 +38,8 @@ from blurnoise.picture.develop import develop_8bit
 from blurnoise.scene import scene
 from blurnoise.sensor import readout as sensor
 
-EVERY_EFFECT = replace(
-    CAMERA, name="every effect", prnu=0.02, dsnu_e=3.0, dark_current_e_s=400.0, dark_reference_c=20.0,
+EVERY_EFFECT = CAMERA.with_figures(
+    name="every effect", prnu=0.02, dsnu_e=3.0, dark_current_e_s=400.0, dark_reference_c=20.0,
     read_noise_e=0.6,  # below 1 e- counts are drawn one by one
     dark_doubling_c=7.0, defocus_radius_px=1.2,
 )  # fmt: skip
@@ -61,7 +62,7 @@ def test_cell_is_what_simulate_and_the_detector_give(detector, tmp_path, monkeyp
     with Store(tmp_path, create=True) as store:
         with monkeypatch.context() as patch:
             patch.setattr(scene, "digitised", watched)
-            sweep.run([detector], camera, picture_set(picture("p", lambda: image)), plan, store)
+            compute([detector], camera, picture_set(picture("p", lambda: image)), plan, store)
         cells = [cell for cell in store.cells() if not cell["clean"]]
         assert len(cells) == len(developed) == sum(bool(cell["example"]) for cell in cells) == 12
         batch = torch.from_numpy(image).permute(2, 0, 1)[None] / 255
@@ -83,7 +84,7 @@ def test_cell_is_what_simulate_and_the_detector_give(detector, tmp_path, monkeyp
 def test_clean_row_is_the_detection_in_the_untouched_picture(detector, tmp_path, dtype):
     direct = detector.detect(sign())
     with Store(tmp_path, create=True) as store:
-        sweep.run([detector], CAMERA, picture_set(picture("p", partial(sign, dtype))), SMALL, store)
+        compute([detector], CAMERA, picture_set(picture("p", partial(sign, dtype))), SMALL, store)
         (clean,) = (cell for cell in store.cells() if cell["clean"])
         found = store.detections(clean["cell_id"], clean["model"])
     np.testing.assert_array_equal(found.scores, direct.scores)
@@ -112,8 +113,8 @@ def test_rows_depend_neither_on_the_other_pictures_nor_on_their_order(detector, 
 def run(folder, models, shown, plan=SMALL):
     with Store(folder, create=True) as store:
         identity.open_run(store, models, CAMERA, shown, plan, {"command": "c", "threads": 1})
-        sweep.run(models, CAMERA, shown, plan, store)
-        return read_run(store, Criterion(0.6, kept=False)), everything(store)[0]
+        compute(models, CAMERA, shown, plan, store)
+        return tables_of(store, Setup.read(store), Criterion(0.6, kept=False)), everything(store)[0]
 
 
 def test_examples_are_of_the_pictures_with_the_largest_targets():
@@ -187,7 +188,9 @@ def test_a_model_that_throws_on_a_picture_is_noted_and_the_others_go_on(
 def test_detections_are_results_that_pycocotools_judges_alike(detector, tmp_path, shown):
     data, cells = run(tmp_path, [detector], shown)
     with Store(tmp_path) as store:
-        assert write_detections(store, tmp_path / "coco") == [tmp_path / "coco" / "small.json"]
+        assert write_detections(store, Setup.read(store), tmp_path / "coco") == [
+            tmp_path / "coco" / "small.json"
+        ]
     found = json.loads((tmp_path / "coco" / "small.json").read_text())
     for row in data.scores:
         of = {each["cell_id"] for each in cells if all(each[name] == row[name] for name in CONDITIONS)}
