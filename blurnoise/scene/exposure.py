@@ -129,12 +129,12 @@ class Exposure:
             moved = torch.from_numpy(flow.T).to(moved)
         return (moved * self.exposure_s).to(places)
 
-    def of_targets(self, speed: float = 1.0, own_px_s: tuple[float, float] = (0.0, 0.0)) -> Exposure:
-        """The exposure for a target that moves at ``speed`` times the velocity, plus its own velocity."""
+    def of_targets(self, speed: float = 1.0) -> Exposure:
+        """The exposure for a target that moves at ``speed`` times the velocity."""
         if self.moves == "all":
             return self
         share = {"targets": speed, "background": 1.0 - speed}[self.moves]
-        x, y = (share * along + own for along, own in zip(self.velocity_px_s, own_px_s, strict=True))
+        x, y = (share * along + 0.0 for along in self.velocity_px_s)
         return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None, *, swept: bool) -> Tensor:

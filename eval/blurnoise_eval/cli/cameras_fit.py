@@ -7,6 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import FramesCfa, FramesLayout, new_file
 from blurnoise_eval.system.terminal import say, say_wrapped, show
 
@@ -112,8 +113,8 @@ def cameras_fit(
         raise ValueError(f"folder, dng, libcamera: {must}")
     of_frames = {"temperature_c": temperature_c, "raw_layout": raw_layout, "cfa": cfa, "grey_card": grey_card}
     of_frames |= {"bit_depth": bit_depth} if libcamera is None else {}
-    if folder is None and (unused := [name for name, value in of_frames.items() if value is not None]):
-        raise ValueError(f"{', '.join(unused)}: needs a folder of frames")
+    if folder is None:
+        inputs.refuse_unused(of_frames, "a folder of frames")
     named = (
         libcamera.stem
         if libcamera and libcamera.stem in PRESETS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,12 @@ if TYPE_CHECKING:
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.plan.files import PlanFile
     from blurnoise_eval.scoring.on_picture import Model
+
+
+def refuse_unused(options: Mapping[str, Any], needs: str) -> None:
+    """Raise ``ValueError`` for options that are not None. needs: what they are for, in words."""
+    if unused := [name for name, value in options.items() if value is not None]:
+        raise ValueError(f"{', '.join(unused)}: needs {needs}")
 
 
 def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> Camera:

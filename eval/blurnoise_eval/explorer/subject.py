@@ -141,8 +141,8 @@ class Found:
     def _drawn(self, output: ModelOutput) -> list[dict[str, Any]]:
         """Boxes (left, top, right, bottom), px, with kind and text: targets "found" and "missed" with their
         confidence, and "other" detections."""
-        targets = sorted(output.targets, key=lambda row: -row["width_px"] * row["height_px"])[:MOST_BOXES]
-        boxes_xyxy = [[row["x0"], row["y0"], row["x1"], row["y1"]] for row in targets]
+        targets = sorted(output.targets, key=lambda row: -row.width_px * row.height_px)[:MOST_BOXES]
+        boxes_xyxy = [row.box_xyxy for row in targets]
         detections = output.detections.leading
         drawn = []
         for box, score, class_id in zip(
@@ -156,8 +156,8 @@ class Found:
                 drawn.append({"box": box, "kind": "other", "text": text})
         del drawn[MOST_BOXES:]
         for row, box in zip(targets, boxes_xyxy, strict=True):
-            kind = "found" if row["confidence"] >= FOUND_SCORE else "missed"
-            drawn.append({"box": box, "kind": kind, "text": f"{row['confidence']:.2f}"})
+            kind = "found" if row.confidence >= FOUND_SCORE else "missed"
+            drawn.append({"box": box, "kind": kind, "text": f"{row.confidence:.2f}"})
         return drawn
 
 

@@ -223,8 +223,6 @@ class SweepPlan(ExposureSettings):
         from blurnoise._core.checks import limited
         from blurnoise.motion.ego import USUAL_VEHICLE
 
-        if self.trajectory is not None and self.objects.boxes == "half":
-            raise ValueError("boxes = 'half': must be object or swept with a trajectory")
         if not self.cuts and (moving := self.objects.to_dict().keys() - {"boxes"}):
             raise ValueError(
                 f"{', '.join(sorted(moving))}: settings of objects need moves = targets or background"

@@ -91,11 +91,12 @@ def truths(store: Store, setup: Setup) -> Callable[[str], Truth | None]:
             return Truth(coco, image_ids, known, sizes_px)
         ids = {label: number for number, label in enumerate(classes, start=1)}
         annotations = []
-        for number, row in enumerate(queries.found_when_clean(store, name), start=1):
-            box = [row["x0"], row["y0"], row["width_px"], row["height_px"]]
-            if row["label"] not in ids:
-                raise store.damaged("targets.label", f"{row['label']!r} is no class of {name!r}")
-            facts = {"id": number, "image_id": image_ids[row["image"]], "category_id": ids[row["label"]]}
+        for number, row in enumerate(queries.targets_when_clean(store, name), start=1):
+            target = row.target
+            box = [target.x0, target.y0, target.width_px, target.height_px]
+            if target.label not in ids:
+                raise store.damaged("targets.label", f"{target.label!r} is no class of {name!r}")
+            facts = {"id": number, "image_id": image_ids[row.image], "category_id": ids[target.label]}
             annotations.append({**facts, "bbox": box, "area": box[2] * box[3], "iscrowd": 0})
         names = [{"id": number, "name": label} for label, number in ids.items()]
         own = {"annotations": annotations, "categories": names}

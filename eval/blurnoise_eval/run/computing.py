@@ -101,7 +101,7 @@ def compute(
                     _keep(answer, store)
                     outcome.computed += len(block.cells)
                     for result in answer:
-                        _check_hope(failures, result.cell["model"], result.cell["error"])
+                        _check_hope(failures, result.cell.model, result.cell.error)
                 if name in outcome.skipped:  # also where it was given up while others computed it
                     store.skip(name, outcome.skipped[name])
                 progress(len(block.cells))
@@ -115,10 +115,10 @@ def _keep(results: Sequence[CellResult], store: Store) -> None:
     """Write the pictures that people will look at, then the rows that name them."""
     for result in results[:1]:
         if result.picture:
-            store.note_picture(result.cell["image"], result.picture)
-    pictures = {result.cell["example"]: result.example_png for result in results}
+            store.note_picture(result.cell.image, result.picture)
+    pictures = {result.cell.example: result.example_png for result in results}
     for name, png in pictures.items():
-        if png is not None:
+        if name is not None and png is not None:
             file = store.file(name)
             file.parent.mkdir(exist_ok=True)
             write_whole(file, png)

@@ -118,9 +118,8 @@ class Scene:
         """Blur, px, of the targets whose class has its own speed, by their place in the picture's list."""
         found, objects = dict[int, float](), self.objects
         for place, target in enumerate((self._picture and self._picture.targets) or ()):
-            if taken.moves != "all" and (target.label in objects.speeds or objects.crosses(target.label)):
-                own_px_s = objects.own_px_s(target.label, target.box_xyxy)
-                velocity = taken.of_targets(objects.speed_of(target.label), own_px_s).velocity_px_s
+            if taken.moves != "all" and target.label in objects.speeds:
+                velocity = taken.of_targets(objects.speed_of(target.label)).velocity_px_s
                 found[place] = math.hypot(*velocity) * taken.exposure_s
         return found
 
@@ -145,7 +144,7 @@ class Scene:
 
     def _is_cut(self, taken: Exposure) -> bool:
         """Whether the picture has to be cut for it."""
-        return taken.moves != "all" and (any(taken.velocity_px_s) or self.objects.crosses())
+        return taken.moves != "all" and any(taken.velocity_px_s)
 
     def _exposed(self, taken: Exposure) -> tuple[ExposedScene | CutScene, Exposure]:
         if self._is_cut(taken):
@@ -164,9 +163,7 @@ class Scene:
                     scale = float(self._reflected.sum() / plain.light.sum())
                 emitters = 1.0 if self.plan.lamps is None else self.plan.lamps.factor
                 found = cut_out(self._picture, light, self.objects, scale, emitters)
-                targets = [(self._picture.targets or ())[place] for place in found.targets]
-                beside = [self.objects.own_px_s(target.label, target.box_xyxy) for target in targets]
-                self._cut = CutScene(found.cut, found.speeds, beside), found.targets
+                self._cut = CutScene(found.cut, found.speeds), found.targets
             return self._cut
 
 
@@ -300,15 +297,8 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     size, path = camera.field.size, None
     if plan.lamps is not None and plan.lamps.on_targets:
         check_labelled(pictures, "emitters, pwm_mask: targets", "without labels pulses light the whole scene")
-    fastest: dict[str, tuple[float, float]] = {}  # by class, of targets that cross the view
     if plan.cuts:
         check_cut(pictures, plan.objects)
-        for target in (target for picture in pictures for target in picture.targets or ()):
-            if plan.objects.crosses(target.label):
-                own = plan.objects.own_px_s(target.label, target.box_xyxy)
-                fastest[target.label] = max(
-                    fastest.get(target.label, own), own, key=lambda each: math.hypot(*each)
-                )
     if plan.path is not None:
         (stated, longest_s), readout_s = plan.path, camera.sensor.row_time_s * camera.sensor.height_px
         half_s = sum(windows(camera.sensor.captures or (Capture(),), longest_s)[-1]) - longest_s / 2
@@ -321,8 +311,6 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
             exposure = replace(exposure, exposure_s=longest_first_s(camera.sensor.captures, plan.longest_s))
         if camera.sensor.captures:
             windows(camera.sensor.captures, exposure.exposure_s)
-        for label, own_px_s in fastest.items():
-            plan.objects.check_crossing(label, own_px_s, exposure)
         if exposure.drives:
             height, width = size
             edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])

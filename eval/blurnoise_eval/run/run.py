@@ -41,8 +41,8 @@ from blurnoise_eval.run.setup import Batch, Setup, note_batch
 from blurnoise_eval.run.tables import of_page, search_counts, strategy_sentences, tables_of
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.checks import check_rows
+from blurnoise_eval.store.columns import CONDITIONS
 from blurnoise_eval.store.queries import write_exports
-from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.files import RUN_FILES, check_outputs, write_whole, writing
 from blurnoise_eval.system.progress import ProgressBar
@@ -190,13 +190,13 @@ class Run:
     def cells(self) -> Rows:
         """A row per picture, condition and model, as results.csv has them."""
         with self.store as store:
-            return [named(row) for row in store.cells()]
+            return [row.columns() for row in store.cells()]
 
     @cached_property
     def targets(self) -> Rows:
         """A row per cell and target, as targets.csv has them."""
         with self.store as store:
-            return [named(row) for row in store.targets()]
+            return [row.columns() for row in store.targets()]
 
     @property
     def scores(self) -> Rows:
@@ -221,7 +221,7 @@ class Run:
     @property
     def skipped(self) -> Rows:
         """Pictures that could not be read, with the reason."""
-        return self.tables.skipped
+        return [row.columns() for row in self.tables.skipped]
 
     @cached_property
     def tables(self) -> RunData:
@@ -326,13 +326,13 @@ class Run:
         row = rows[len(rows) // 2]
         # a cell's id is made of the axes that its plan names: those of the grid, or of what was chosen later
         grid = self.setup.grid
-        planned = [Conditions(**{name: row[name] for name in {*CORE, *grid}})] if grid else []
+        planned = [Conditions(**{name: row.conditions[name] for name in {*CORE, *grid}})] if grid else []
         planned += [at for batch in self.setup.batches for at in batch.conditions]
         for at in planned:
-            cell = Cell(row["image"], row["repeat"], at, row["seed"])
-            if cell.cell_id == row["cell_id"]:
+            cell = Cell(row.image, row.repeat, at, row.seed)
+            if cell.cell_id == row.cell_id:
                 return cell
-        raise ValueError(f"cell = {row['cell_id']!r}: its conditions are not in the plan of the run")
+        raise ValueError(f"cell = {row.cell_id!r}: its conditions are not in the plan of the run")
 
     def scene(self, picture: Picture) -> Scene:
         """The light of a picture, as the run's cells have it."""
@@ -352,13 +352,13 @@ class Run:
             row = next(queries.cells_with(store, cell_id=cell_id), None)
         if row is None:
             raise ValueError(f"cell_id = {cell_id!r}: must be one of the run, as listed in results.csv")
-        if self._scene is None or self._scene[0] != row["image"]:
-            picture = self.picture(row["image"])
-            self._scene = row["image"], picture, self.scene(picture)
+        if self._scene is None or self._scene[0] != row.image:
+            picture = self.picture(row.image)
+            self._scene = row.image, picture, self.scene(picture)
         _, picture, scene = self._scene
         return (
             eight_bit(picture.load())
-            if row["clean"]
+            if row.conditions.original
             else self.expose(scene, self.cell(cell_id=cell_id)).image
         )
 

@@ -78,7 +78,7 @@ COMMANDS = {
         ("blur --model m.onnx", "--model: is for 'sweep'"),
     ],
     "scenes -o run": [("--count 0", "count = 0"), ("--size 100000000", "size_px = 100000000")],
-    "quality -o run": [
+    "measure -o run": [
         ("--repeats 0", "repeats"),
         ("--exposure-ms auto", "--exposure-ms = 'auto': must be numbers"),
         ("--camera hdr.yaml", "captures"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, number, numbers
 from blurnoise_eval.plan.conditions import Cell, Conditions, Part
-from blurnoise_eval.plan.objects import Crossing, Objects
+from blurnoise_eval.plan.objects import Objects
 from blurnoise_eval.plan.plan import SweepPlan
 from plans import IMX250, plan
 from plans import plan as swept
@@ -139,11 +139,6 @@ FIELDS: list[tuple[Any, str]] = [
     *(({"seed": seed}, "seed = ") for seed in (10**400, -1, 1.5, "1", None)),
     ({"vehicle": Vehicle()}, "vehicle: needs ego_speed_m_s"),
     ({"objects": Objects(speeds={"car": 2.0})}, "speeds: .* moves = targets"),
-    ({"objects": Objects(crossings={"car": Crossing(36.0, width_m=4.0)})}, "crossings: .* moves = targets"),
-    (
-        {"trajectory": "sine:40,50", "objects": Objects(boxes="half")},
-        "boxes = 'half': must be object or swept",
-    ),
     *(
         ({"trajectory": text}, text.partition(":")[0])
         for text in ("shake", "shake:x", "shake:1,2", "sine:3", "sine:3,80,1,1", "shake:-2", "sine:3,0")

@@ -98,9 +98,9 @@ def test_mean_light_follows_from_gains():
         for lux in (0.01, 10.0, 50.0, 1e5):  # at the first gain is at its most, at the last at none
             at = {"illuminance_lux": lux, "exposure_s": 0.005}
             gain_db = USUAL.setting(CAMERA, mean_light=light, **at).gain_db
-            rows.append({"image": image, "applied_gain_db": gain_db, **at})
+            rows.append((image, lux, 0.005, gain_db))
     assert mean_light(rows, CAMERA) == pytest.approx(0.2, rel=1e-3)
-    assert mean_light([row for row in rows if row["illuminance_lux"] in (0.01, 1e5)], CAMERA) is None
+    assert mean_light([row for row in rows if row[1] in (0.01, 1e5)], CAMERA) is None
 
 
 def test_a_sweep_has_planes_for_its_lights_above_zero(tmp_path):

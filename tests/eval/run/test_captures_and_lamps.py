@@ -301,8 +301,6 @@ def test_parts_of_a_run_under_a_lamp_are_joined(tmp_path):
 
     def lamps(folder):
         with Store(folder) as store:
-            return [
-                (row["image"], row["clean"], row["pwm_phase"], row["missed_pulse"]) for row in store.cells()
-            ]
+            return [(row.image, row.conditions, row.lamp) for row in store.cells()]
 
     assert lamps(tmp_path / "joined") == lamps(tmp_path / "whole")

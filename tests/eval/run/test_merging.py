@@ -54,7 +54,7 @@ def test_run_of_parts_is_that_of_the_whole(runs, order, tmp_path):
         pd.testing.assert_frame_equal(found, expected, check_exact=False, rtol=1e-12)
     with Store(tmp_path / "run") as merged, Store(runs / "whole") as whole:
         assert merged.about("identity") == whole.about("identity")
-        shown = [cell["example"] for cell in merged.cells() if cell["example"]]
+        shown = [cell.example for cell in merged.cells() if cell.example]
     assert shown
     assert all((tmp_path / "run" / name).is_file() for name in shown)
 

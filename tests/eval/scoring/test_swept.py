@@ -67,9 +67,9 @@ def test_who_boxes_the_smear_is_right_by_the_swept_box(blur_px, direction):
     """At any blur; held to the place at mid-exposure only while the smear is less than twice the square's size."""
     x, y = (blur_px * along / EXPOSURE_S for along in direction)
     row = answers(smear, (x, y))
-    assert row["confidence_swept"] == 1
+    assert row.confidence_swept == 1
     area = (SIDE_PX + blur_px * abs(direction[0])) * (SIDE_PX + blur_px * abs(direction[1]))
-    assert row["confidence"] == float(SIDE_PX**2 / area > 0.5)
+    assert row.confidence == float(SIDE_PX**2 / area > 0.5)
 
 
 def judged(box, speed_px_s):
