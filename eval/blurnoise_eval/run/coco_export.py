@@ -105,6 +105,11 @@ def truths(store: Store, setup: Setup) -> Callable[[str], Truth | None]:
     return truth_of
 
 
+def detection_files(setup: Setup) -> list[str]:
+    """The names of the files that :func:`write_detections` may write, as patterns."""
+    return [glob.escape(f"{name}{end}.json") for name in setup.models for end in ("", "-instances")]
+
+
 def write_detections(store: Store, setup: Setup, folder: Path) -> list[Path]:
     """Write MODEL.json for each detector into ``folder``; returns the paths.
 
@@ -112,12 +117,9 @@ def write_detections(store: Store, setup: Setup, folder: Path) -> list[Path]:
     MODEL-instances.json, the truth at rest; targets.csv has where conditions move it. Raises ``OSError``.
     """
     written, truth_of, labels = [], truths(store, setup), read_truth(store)
-    models = list(setup.models)
-    check_outputs(
-        folder, *(glob.escape(f"{name}{end}.json") for name in models for end in ("", "-instances"))
-    )
+    check_outputs(folder, *detection_files(setup))
     folder.mkdir(parents=True, exist_ok=True)
-    for model in models:
+    for model in setup.models:
         if (truth := truth_of(model)) is None:
             continue
         rows = (

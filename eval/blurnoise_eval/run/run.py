@@ -32,7 +32,7 @@ from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, write_tables
-from blurnoise_eval.run.coco_export import write_detections
+from blurnoise_eval.run.coco_export import detection_files, write_detections
 from blurnoise_eval.run.computing import Outcome
 from blurnoise_eval.run.exposing import Frame, Scene, frames
 from blurnoise_eval.run.pictures import original_picture, pictures_of_run
@@ -44,7 +44,7 @@ from blurnoise_eval.store.checks import check_rows
 from blurnoise_eval.store.columns import CONDITIONS
 from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.system.files import RUN_FILES, check_outputs, write_whole, writing
+from blurnoise_eval.system.files import RUN_FILES, check_outputs, path_within, write_whole, writing
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.tables import plain
 from blurnoise_eval.system.working_folder import WorkingFolder, fetched, working_folder
@@ -388,35 +388,42 @@ class Run:
     def _output(self, output: str | Path | WorkingFolder | None) -> WorkingFolder:
         return self._working if output is None else working_folder(output)
 
-    def report(self, output: str | Path | WorkingFolder | None = None, *, overwrite: bool = False) -> Path:
+    def report(
+        self,
+        output: str | Path | WorkingFolder | None = None,
+        *,
+        coco: bool = False,
+        overwrite: bool = False,
+    ) -> Path:
         """Write the run's tables, figures and pages; returns the page's path.
 
-        output: the folder, by default the run's. overwrite: replace files that blurnoise did not write, too. Raises
-        ``OSError``.
+        output: the folder, by default the run's. coco: also write detections and targets as COCO's files, see
+        :func:`~blurnoise_eval.run.coco_export.write_detections`. overwrite: replace files that blurnoise did not
+        write, too. Raises ``OSError``, before anything is written where a file may not be replaced.
         """
+        folder = self._output(output).path
         with writing(overwrite=overwrite):
-            check_outputs(self._output(output).path, *RUN_FILES)
-            return self._write_report(output)
+            check_outputs(folder, *RUN_FILES)
+            if coco:
+                check_outputs(path_within(folder, "coco"), *detection_files(self.setup))
+            summary = self.summary(output)
+            with self.store as store:
+                page = self._write_report(store, folder, summary)
+                if coco:
+                    write_detections(store, self.setup, folder / "coco")
+            return page
 
-    def _write_report(self, output: str | Path | WorkingFolder | None) -> Path:
+    def _write_report(self, store: Store, folder: Path, summary: dict[str, Any]) -> Path:
         from blurnoise_eval.report import charts, failures, page  # matplotlib and plotly
 
-        folder, tables, summary = self._output(output).path, self.tables, self.summary(output)
         folder.mkdir(parents=True, exist_ok=True)
-        with self.store as store:
-            write_exports(store, folder)
-            failures.write_failures(store, tables, folder, self)
-        write_tables(tables, folder)
+        write_exports(store, folder)
+        failures.write_failures(store, self.tables, folder, self)
+        write_tables(self.tables, folder)
         write_whole(folder / "summary.json", json.dumps(summary, indent=1).encode("utf-8"))
-        shown = of_page(tables, self.setup)
-        with ProgressBar("draw", len(charts.views(shown)), self._progress) as advance:
-            return page.write_report(shown, folder, advance)
-
-    def write_coco(self, folder: str | Path) -> list[Path]:
-        """Write the detections of each detector, and the targets, as COCO's files; returns their paths, see
-        :func:`~blurnoise_eval.run.coco_export.write_detections`. Raises ``OSError``."""
-        with self.store as store:
-            return write_detections(store, self.setup, Path(folder))
+        tables = of_page(self.tables, self.setup)
+        with ProgressBar("draw", len(charts.views(tables)), self._progress) as advance:
+            return page.write_report(tables, folder, advance)
 
     def write_fiftyone(self, folder: str | Path) -> str:
         """Write the run as a FiftyOne data set; returns a sentence that says what it holds. Raises ``ValueError``

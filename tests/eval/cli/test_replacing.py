@@ -254,3 +254,8 @@ def test_python_refuses_and_overwrites_as_commands_do(here):
     assert Path("new/report.html").read_text() == "mine"
     done.report(overwrite=True)
     assert Path("new/report.html").read_text() != "mine"
+
+
+@pytest.mark.parametrize("name", ["run/report.html", "run/coco/small.json"])
+def test_a_report_with_coco_files_checks_all_of_them_before_it_writes(here, capsys, name):
+    refused(capsys, "report run --coco", THEIRS, {name: b"mine"})

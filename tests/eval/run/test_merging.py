@@ -78,3 +78,21 @@ def test_runs_that_are_no_parts_of_one_sweep_are_refused(runs, changes, named, t
         merge([runs / "1", tmp_path / "other"], tmp_path / "run")
     assert not (tmp_path / "run").exists()
     assert not list(tmp_path.glob(".*"))
+
+
+def test_merged_again_it_goes_on(runs, tmp_path):
+    """With one part more, with the same parts, and with itself among them: the same run; not beside other files."""
+    assert merge([runs / "1"], tmp_path / "run").pictures < 6
+    assert Run.open(tmp_path / "run").setup.identity["part"] == "1/2"
+    for parts in (["2"], ["1", "2"], ["1", "2", "2"]):
+        assert merge([tmp_path / "run", *(runs / part for part in parts)], tmp_path / "run") == (30, 6)
+        merged = Run.open(tmp_path / "run")
+        assert merged.setup.identity == Run.open(runs / "whole").setup.identity
+        with merged.store as store:
+            assert merged.setup.missing_cells(store) == 0
+    wall_s = sum(Run.open(runs / part).setup.wall_s for part in "12")
+    assert merged.setup.wall_s == pytest.approx(wall_s)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "mine.txt").write_text("mine")
+    with pytest.raises(StoreError, match="is not empty"):
+        merge([runs / "1", runs / "2"], tmp_path / "other")
