@@ -70,7 +70,8 @@ def simulate(
     print_facts(facts, as_json)
     doubts = picture_doubts(image.parent, [image.name])
     for about in filter(
-        None, [camera_text(taken.camera, colour=colour), inputs.about_lux(config, taken.camera), *doubts]
+        None,
+        [camera_text(taken.camera, colour=colour), inputs.about_lux(config.camera, taken.camera), *doubts],
     ):
         say_wrapped(about, hanging=2, error=True)
     if explain and not as_json:

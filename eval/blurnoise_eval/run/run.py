@@ -27,7 +27,8 @@ from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
 from blurnoise_eval.plan.axes import CORE, named
-from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Cell, Conditions
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, write_tables
@@ -335,14 +336,11 @@ class Run:
 
     def scene(self, picture: Picture) -> Scene:
         """The light of a picture, as the run's cells have it."""
-        plan = self.plan
-        tone, lamps, white = plan.picture_tone, plan.lamps, plan.hdr_white
-        return Scene(picture.load(), plan.grey_anchor, picture, plan.objects, tone, lamps, white)
+        return Scene(picture.load(), self.plan, picture)
 
     def expose(self, scene: Scene, cell: Cell, camera: Camera | None = None) -> Frame:
         """A cell's picture, of its scene, as the run took it or through another camera."""
-        plan = self.plan
-        (frame,) = frames(scene, [cell], camera or self.camera, plan.auto_exposure, plan.path, plan.ego)
+        (frame,) = frames(scene, [cell], camera or self.camera)
         return frame
 
     def simulate(self, cell_id: str) -> NDArray[np.uint8]:

@@ -30,7 +30,6 @@ from blurnoise.scene.plan import Plan
 from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO
 from blurnoise_eval.plan.conditions import reflectance_text, with_lens
 from blurnoise_eval.plan.files import SceneFile
-from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.simulation.light import flicker, flow, moving_parts
 
 
@@ -123,7 +122,7 @@ def _shot(given: SceneFile, camera: Camera, scene: Tensor) -> Shot:
     size = (scene.shape[-2], scene.shape[-1])
     path = None
     if given.trajectory is not None:
-        path = TrajectorySpec.parse(given.trajectory).of(camera, size, at["exposure_s"], given.seed)
+        path = given.trajectory.of(camera, size, at["exposure_s"], given.seed)
     return Shot(
         camera=camera,
         first=readers_of(camera, captures)[0],
