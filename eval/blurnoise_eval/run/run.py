@@ -400,12 +400,3 @@ class Run:
         tables = of_page(self.tables, self.setup)
         with ProgressBar("draw", len(charts.views(tables)), self._progress) as advance:
             return page.write_report(tables, folder, advance)
-
-    def write_fiftyone(self, folder: str | Path) -> str:
-        """Write the run as a FiftyOne data set; returns a sentence that says what it holds. Raises ``ValueError``
-        where no picture can be opened, and ``OSError``."""
-        from blurnoise_eval.report.fiftyone_export import write_fiftyone
-
-        tables = self.tables
-        with self.store as store, ProgressBar("FiftyOne", len(self.pictures), self._progress) as advance:
-            return write_fiftyone(store, tables, self, Path(folder), advance)
