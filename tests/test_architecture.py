@@ -39,7 +39,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"datasets"},
         {"store"},
         {"scoring"},
-        {"answers"},
+        {"answers", "contracts"},
         {"plots"},
         {"report"},
         {"run"},

@@ -45,14 +45,13 @@ def computed(config: PlanFile, output: Location, as_json: bool, strategy: str) -
     workers = config.threads if config.address else inputs.threads(config.threads)
     engine = engine_of(config.engine, workers, config.address)
     models, pictures = inputs.subject(config)  # before a folder is made
-    plan = config.sweep_plan()
     camera, about_camera = inputs.camera_of_run(config, pictures)
     with written_run(output) as folder:
         done = evaluate(
             models,
             pictures,
             camera,
-            plan,
+            config.plan,
             config.question,
             replace(folder, command=inputs.command()),
             strategy=strategy,

@@ -17,16 +17,16 @@ from blurnoise_eval import datasets
 from blurnoise_eval.answers.clusters import check_cluster
 from blurnoise_eval.answers.criterion import criterion_for
 from blurnoise_eval.cameras import find
+from blurnoise_eval.contracts.comparison import contracts_chosen
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.default_camera import default_for
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.detectors.python_models import Find, PythonDetector
-from blurnoise_eval.plan.axes import AXES
-from blurnoise_eval.plan.conditions import Part, SweepPlan
+from blurnoise_eval.plan.conditions import Part
+from blurnoise_eval.plan.plan import SweepPlan, usual_plan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.computing import Outcome, compute
-from blurnoise_eval.run.contract_checks import contracts_chosen
 from blurnoise_eval.run.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.run.exposing import check_plan
 from blurnoise_eval.run.identity import begun_or_gone, note_models, open_run
@@ -177,11 +177,6 @@ def _computed(
 def usual_pictures(models: Sequence[Model]) -> PictureSet:
     """Rendered stop signs for detectors; for readers, the word on them."""
     return datasets.rendered_signs() if isinstance(models[0], Detector) else datasets.rendered_texts()
-
-
-def usual_plan() -> SweepPlan:
-    """The conditions that a sweep tests if not told, with a noise field for each picture."""
-    return SweepPlan({axis.name: axis.default for axis in AXES if axis.default})
 
 
 def _opened(models: Any, pictures: PictureSet | None) -> list[Model]:

@@ -19,12 +19,13 @@ import numpy as np
 
 from blurnoise._core.writing import remove_made
 from blurnoise.camera import Camera
+from blurnoise_eval.contracts.comparison import Comparison
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, sample
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.plan.conditions import Part, SweepPlan
+from blurnoise_eval.plan.conditions import Part
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.coco_export import write_truth
-from blurnoise_eval.run.contract_checks import Comparison
 from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.scoring.on_picture import Model, Picture8
 from blurnoise_eval.store import queries

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, number, numbers
-from blurnoise_eval.plan.conditions import Cell, Conditions, Part, SweepPlan
+from blurnoise_eval.plan.conditions import Cell, Conditions, Part
 from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.plan import SweepPlan
 from plans import IMX250, plan
 from plans import plan as swept
 from signs_in_memory import CAMERA, PLAN, TWO, matched_detector, rows_of
@@ -136,7 +137,7 @@ GRIDS: list[tuple[Any, str]] = [
 FIELDS: list[tuple[Any, str]] = [
     ({"repeats": 0}, "repeats = 0"),
     *(({"seed": seed}, "seed = ") for seed in (10**400, -1, 1.5, "1", None)),
-    ({"ego": Vehicle()}, "ego: needs ego_speed_m_s"),
+    ({"vehicle": Vehicle()}, "vehicle: needs ego_speed_m_s"),
     ({"objects": Objects(speeds={"car": 2.0})}, "speeds: .* moves = targets"),
     *(
         ({"trajectory": text}, text.partition(":")[0])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 from blurnoise_eval import datasets
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.report.run import write_tables
 from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.run.merging import merge
