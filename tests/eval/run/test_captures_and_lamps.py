@@ -296,7 +296,7 @@ def test_parts_of_a_run_under_a_lamp_are_joined(tmp_path):
     evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", strategy="grid")
     parts = [tmp_path / f"part{number}" for number in (1, 2)]
     for number, part in enumerate(parts, 1):
-        evaluate(detector, shown, CAMERA, plan, output=part, part=f"{number}/2", strategy="grid")
+        evaluate(detector, shown.part(f"{number}/2"), CAMERA, plan, output=part)
     merge(parts, tmp_path / "joined")
 
     def lamps(folder):
