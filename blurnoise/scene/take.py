@@ -250,44 +250,50 @@ def _captures(
     like = torch.empty(0, dtype=torch.float64)  # times are compared and added up
     exposure_s = limited_per_image("exposure_s", exposure.exposure_s, batch, like)
     lux = limited_per_image("illuminance_lux", exposure.illuminance_lux, batch, like)
-    captures = captures_of(camera)
-    windows_s = [windows(captures, duration_s) for duration_s in exposure_s.tolist()]
+    temperature_c = limited_per_image("temperature_c", exposure.temperature_c, batch, light)
     velocity = velocities(_background_velocity(scene, exposure), light)
     paths, lamps = per_picture(exposure.trajectory, batch), lamp_per_picture(exposure.lamp, batch)
-    lamp_mask = None if scene.lamp_mask is None else scene.lamp_mask.expand(batch, -1, -1)
-    layers = _layers(scene, exposure, batch)
     seeds = rng.item_seeds(exposure.seed, batch)
+    of_scene: dict[str, Any] = {"objects": _layers(scene, exposure, batch), "lamps": lamps}
+    if lamps and scene.lamp_mask is not None:
+        of_scene["lamp_mask"] = scene.lamp_mask.expand(batch, -1, -1)
+    captures = captures_of(camera)
+    windows_s: list[list[tuple[float, float]]] = []  # of every picture, its captures
+    if camera.sensor.captures or lamps:  # else nothing depends on when a picture is taken
+        windows_s = [windows(captures, duration_s) for duration_s in exposure_s.tolist()]
     for number, (capture, reader) in enumerate(zip(captures, readers(camera), strict=True)):
-        windows_now_s = tuple(of_picture[number] for of_picture in windows_s)
-        # From the middle of the first capture's exposure to the middle of this one's.
-        later_s = [
-            start_s + duration_s / 2 - of_picture[0][1] / 2
-            for of_picture, (start_s, duration_s) in zip(windows_s, windows_now_s, strict=True)
-        ]
-        at = Resolved.of(
-            light,
-            reader,
-            exposure_s=exposure_s * captures[0].exposure_ratio / capture.exposure_ratio,
-            illuminance_lux=lux * capture.sensitivity,
-            velocity_px_s=velocity,
-            temperature_c=exposure.temperature_c,
-            illuminant=scene.illuminant,
-            trajectory=[path and path.later(by_s) for path, by_s in zip(paths, later_s, strict=False)]
-            or None,
-            objects=layers,
-        )
-        at = replace(at, lamps=lamps, lamp_mask=lamp_mask if lamps else None, windows_s=windows_now_s)
+        if windows_s:
+            of_scene["windows_s"] = tuple(of_picture[number] for of_picture in windows_s)
+        paths_now, seeds_now = paths, seeds
         if number:
-            at = replace(at, shift=_shift(velocity, paths, windows_s, number, later_s))
-        # Two gains on one exposure read the same electrons: their noise is drawn from the same stream.
-        streams = [of_picture.index(of_picture[number]) for of_picture in windows_s]
-        streams = [one if captures[one].sensitivity == capture.sensitivity else number for one in streams]
-        yield (
-            at,
-            [
+            # From the middle of the first capture's exposure to the middle of this one's.
+            later_s = [
+                of_picture[number][0] + of_picture[number][1] / 2 - of_picture[0][1] / 2
+                for of_picture in windows_s
+            ]
+            of_scene["shift"] = _shift(velocity, paths, windows_s, number, later_s)
+            paths_now = tuple(path and path.later(by_s) for path, by_s in zip(paths, later_s, strict=False))
+            # Two gains on one exposure read the same electrons: their noise is drawn from the same stream.
+            streams = [of_picture.index(of_picture[number]) for of_picture in windows_s]
+            streams = [one if captures[one].sensitivity == capture.sensitivity else number for one in streams]
+            seeds_now = [
                 rng.derived(seed, f"capture {stream}") if stream else seed
                 for seed, stream in zip(seeds, streams, strict=True)
-            ],
+            ]
+        ratio = captures[0].exposure_ratio, capture.exposure_ratio
+        yield (
+            Resolved.of_checked(
+                light,
+                reader,
+                exposure_s * ratio[0] / ratio[1],
+                lux * capture.sensitivity,
+                temperature_c,
+                velocity,
+                paths_now,
+                scene.illuminant,
+                **of_scene,
+            ),
+            seeds_now,
         )
 
 
