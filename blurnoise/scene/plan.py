@@ -15,7 +15,7 @@ from functools import lru_cache
 from blurnoise._core.checks import an_instance, limited, picture_size, real_tensor, shown
 from blurnoise.blur.layers import ObjectMotion
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions, Number
+from blurnoise.light.resolved import Number, Resolved
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.motion.trajectory import Trajectory
@@ -59,7 +59,7 @@ class Plan:
     left_out_dn: float = field(default=0.0, compare=False)
     tolerance_dn: float = field(default=0.0, compare=False)
 
-    def reduced(self, at: Conditions[Number]) -> Conditions[Number]:
+    def reduced(self, at: Resolved[Number]) -> Resolved[Number]:
         """The conditions with the omitted parts set to 0."""
         flow = None if MOTION_VARIATION.name in self.without else at.flow_px
         return replace(at, camera=self.camera, flow_px=flow)
@@ -105,18 +105,18 @@ def plan(
         raise TypeError(f"objects = {shown(objects)}: must be a tuple of blurnoise.blur.layers.ObjectMotion")
     size = None if size is None else picture_size("size", size)
     one = float(exposure_s), temperature, white_e, (x, y)
-    at = Conditions(camera, *one, illuminant, size, paths, objects, variation_px=varies)
+    at = Resolved(camera, *one, illuminant, size, paths, objects, variation_px=varies)
     return plan_at(at, tolerance_dn)
 
 
-def plan_at(at: Conditions[float], tolerance_dn: float = TOLERANCE_DN) -> Plan:
+def plan_at(at: Resolved[float], tolerance_dn: float = TOLERANCE_DN) -> Plan:
     """:func:`plan` under conditions."""
     return _plan(at, tolerance_dn, effects.EFFECTS, stages.STAGES)
 
 
 @lru_cache(maxsize=1024)
 def _plan(
-    at: Conditions[float],
+    at: Resolved[float],
     tolerance_dn: float,
     of_light: tuple[LightEffect, ...],
     of_sensor: tuple[SensorStage, ...],

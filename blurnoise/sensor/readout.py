@@ -22,7 +22,7 @@ from blurnoise._core import rng
 from blurnoise._core.checks import Numbers, image_batch, limited_per_image, one_of
 from blurnoise._core.lookup import look_up, look_up_codes
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons
 from blurnoise.sensor import stages
@@ -80,7 +80,7 @@ def read_out(
     :class:`ReadoutOptions`. Means below 0 (ringing of a blur) count as 0.
     """
     batch = len(image_batch("scene", scene))
-    at = Conditions(
+    at = Resolved(
         camera,
         limited_per_image("exposure_s", exposure_s, batch, scene),
         limited_per_image("temperature_c", temperature_c, batch, scene),
@@ -90,7 +90,7 @@ def read_out(
     return digitised(scene, at, ReadoutOptions(rng.item_seeds(generator, batch), **options))
 
 
-def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) -> Tensor:
+def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> Tensor:
     """:func:`read_out` of valid arguments: finite light (B, C, H, W), the camera and numbers of ``at``.
 
     Through ``STAGES`` in their order: by the fast route where it has them all, else stage by stage. The route may

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from torch import Tensor
 
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 from blurnoise.optics.camera import Camera
 
 MERGE_READ_NOISE_E = 1.0
@@ -74,11 +74,11 @@ class SensorStage(ABC):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Return the signal after the stage; differentiable, on any device."""
 
-    def bound_dn(self, at: Conditions[float]) -> float | None:
+    def bound_dn(self, at: Resolved[float]) -> float | None:
         """Largest contribution in a white picture, DN RMS; None if undefined."""
         return None
 
-    def dither_dn(self, at: Conditions[float]) -> float:
+    def dither_dn(self, at: Resolved[float]) -> float:
         """Smallest normal noise, DN RMS, that the stage adds to every pixel at any light; it dithers rounding."""
         return 0.0
 
@@ -87,7 +87,7 @@ class SensorStage(ABC):
         return self.modelled
 
 
-def signal_bound_e(at: Conditions[float]) -> float:
+def signal_bound_e(at: Resolved[float]) -> float:
     """Electrons of white, but not beyond twice saturation: noise past the clip does not show."""
     return min(at.white_e, 2 * at.camera.saturation_e)
 

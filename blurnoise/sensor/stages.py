@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 from blurnoise.optics.camera import DSNU as DSNU_FIGURES
 from blurnoise.optics.camera import PRNU as PRNU_FIGURES
 from blurnoise.optics.camera import Camera
@@ -34,7 +34,7 @@ class SpectralIntegration(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return (signal * at.white_e).clamp(min=0.0)
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, _flat_curve_error(at.camera, at.illuminant) * at.white_e)
 
     def how(self, camera: Camera, noisy: bool) -> str:
@@ -53,7 +53,7 @@ class Prnu(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal if at.gain is None else (signal * at.gain).clamp(min=0.0)
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, at.camera.prnu_total * signal_bound_e(at))
 
 
@@ -68,7 +68,7 @@ class DarkCurrent(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal + at.dark_e
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, math.hypot(at.dark_e, math.sqrt(at.dark_e)))
 
 
@@ -83,7 +83,7 @@ class PhotonTransfer(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         most_e, camera = signal_bound_e(at) + at.dark_e, at.camera
         places_e = [share * camera.saturation_e for share, _ in camera.photon_transfer]
         reached = [camera.variance_factor(min(place_e, most_e)) for place_e in (*places_e, most_e)]
@@ -119,7 +119,7 @@ class ShotNoise(SensorStage):
             counts = rng.poisson_of_normal(signal, at.normal)
         return counts if bend is None else signal + bend.sqrt() * (counts - signal)
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, math.sqrt(signal_bound_e(at) + at.dark_e))
 
     def how(self, camera: Camera, noisy: bool) -> str:
@@ -150,10 +150,10 @@ class ReadNoise(SensorStage):
             return signal
         return signal + at.camera.read_noise_e * at.read
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, at.camera.read_noise_e)
 
-    def dither_dn(self, at: Conditions[float]) -> float:
+    def dither_dn(self, at: Resolved[float]) -> float:
         return at.camera.system_gain_dn_per_e * at.camera.read_noise_e
 
     def how(self, camera: Camera, noisy: bool) -> str:
@@ -192,7 +192,7 @@ class SharedNoise(SensorStage):
         values = at.shared.get(self.name)
         return signal if values is None else signal + self.size_e(at.camera) * values
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, self.size_e(at.camera))
 
 
@@ -207,7 +207,7 @@ class Dsnu(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal if at.offset_e is None else signal + at.offset_e
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, at.camera.dsnu_total_e)
 
 
@@ -231,7 +231,7 @@ class Quantisation(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal + (torch.round(signal) - signal).detach() if at.quantised else signal
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return 1 / math.sqrt(12)
 
 
