@@ -28,8 +28,8 @@ from blurnoise.motion.trajectory import LONGEST_SHAKE, Trajectory, path_duration
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.captures import windows
 from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.picture.fusion import amplified, readers
+from blurnoise.scene.exposure import MOVES, Exposure, Moves
 from blurnoise.scene.metering import AutoExposure
 
 Range = float | Sequence[float]
@@ -42,17 +42,20 @@ Lights = Literal["all", "targets"]
 _LONGEST_USUAL_S = 1.0  # a longer exposure was probably meant in milliseconds: there is a warning
 DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
 """Conditions of every picture."""
-_ARGUMENTS = (*DRAWN, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "masks",
-              *(LAMP := ("lamp_hz", "lamp_duty", "lamp_phase")))  # fmt: skip
+LAMP = ("lamp_hz", "lamp_duty", "lamp_phase")
+"""Conditions of pictures with a lamp."""
+_OF_EACH = (
+    *DRAWN, *LAMP, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "shake_px", "noise_seed",
+)  # fmt: skip
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
 """Ranges that replace one of them."""
 
 
 class Draws(ABC):
-    """A source of conditions for training pictures: :class:`ExposureRanges`, or a table of conditions.
+    """A source of exposures for training pictures: :class:`ExposureRanges`, or a table of conditions.
 
-    gain_db: for pictures whose conditions have none. vehicle: drives at ``ego_kmh``. lamp_lights: what the light of
-    a pulsed lamp falls on.
+    gain_db: of pictures for which none is drawn. vehicle: drives at the ``ego_kmh`` that are drawn. lamp_lights: what
+    a pulsed lamp lights.
     """
 
     vehicle: Vehicle = USUAL_VEHICLE
@@ -63,7 +66,7 @@ class Draws(ABC):
 
     @property
     def uses_masks(self) -> bool:
-        """Whether pictures are taken otherwise where there are masks."""
+        """Whether masks change the pictures."""
         return self.moves != ("all",) or self.lamp_lights == "targets"
 
     @property
@@ -85,35 +88,55 @@ class Draws(ABC):
         ``moves_index``.
         """
 
-    def arguments(self, params: Params, of: slice | list[int] = slice(None)) -> dict[str, Any]:
-        """Keyword arguments of :func:`.augmentation.expose_pictures` for these pictures."""
-        drawn = {name: params[name][of] for name in _ARGUMENTS if name in params}
-        cameras = [self.cameras[index] for index in drawn["camera_index"].tolist()]
-        gain: Any = drawn.get("gain_db", self.gain_db)
-        if "gain_auto" in drawn:
-            each = zip(drawn["gain_auto"].tolist(), gain.tolist(), strict=True)
-            gain = [self.gain_db if auto else given for auto, given in each]
-        moves = ["all"] * len(cameras)
-        if "moves_index" in drawn:
-            moves = [self.moves[index] for index in drawn["moves_index"].tolist()]
-        return {
-            **{name: drawn[name] for name in DRAWN},
-            "ego_kmh": drawn.get("ego_kmh"),
-            "camera": cameras,
-            "gain_db": gain,
-            "masks": drawn.get("masks"),
-            "moves": moves,
-            "trajectory": shakes(params, cameras, of),
-            "vehicle": self.vehicle,
-            "lamp": self._lamps(drawn),
-            "lamp_lights": self.lamp_lights,
-        }
+    def exposures(
+        self,
+        params: Params,
+        items: Sequence[int] | None = None,
+        seeds: Sequence[int] | None = None,
+        dtype: torch.dtype = torch.float64,
+    ) -> list[Exposure]:
+        """The exposure of each picture, or of the pictures ``items``, under drawn conditions.
 
-    @staticmethod
-    def _lamps(drawn: Params) -> list[Pwm] | None:
-        if "lamp_hz" not in drawn:
-            return None
-        return [Pwm(*figures) for figures in zip(*(drawn[name].tolist() for name in LAMP), strict=True)]
+        params: those of :meth:`conditions`, and ``noise_seed`` where shakes are drawn. seeds: of the noise; 0 for
+        labels, which do not depend on it. dtype: of the pictures, in which velocities are computed.
+        """
+        chosen = list(range(len(params["camera_index"])) if items is None else items)
+        drawn = {name: value[chosen] for name, value in params.items() if name in _OF_EACH}
+        drawn = {
+            name: value.to(dtype) if value.is_floating_point() else value for name, value in drawn.items()
+        }
+        velocities = velocity_px_s(drawn["speed_px_s"], drawn["direction_deg"]).tolist()
+        columns = {name: drawn[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c")}
+        cameras = [self.cameras[index] for index in drawn["camera_index"].tolist()]
+        columns |= {
+            "camera": cameras,
+            "velocity_px_s": list(map(tuple, velocities)),
+            "gain_db": self._gains(drawn, len(chosen)),
+            "seed": list(seeds or [0] * len(chosen)),
+            "trajectory": _shakes(drawn, cameras),
+        }
+        if "moves_index" in drawn:
+            columns["moves"] = [self.moves[index] for index in drawn["moves_index"].tolist()]
+        if "ego_kmh" in drawn:
+            columns["ego_speed_m_s"] = (drawn["ego_kmh"] / 3.6).tolist()
+            columns["vehicle"] = [self.vehicle] * len(chosen)
+        if "lamp_hz" in drawn:
+            columns["lamp"] = [
+                Pwm(*row) for row in zip(*(drawn[name].tolist() for name in LAMP), strict=True)
+            ]
+        return [
+            Exposure(**dict(zip(columns, values, strict=True)))
+            for values in zip(*columns.values(), strict=True)
+        ]
+
+    def _gains(self, drawn: Params, count: int) -> list[float | AutoExposure]:
+        """The gain of each picture: drawn, or else that of the source, a number or an auto-exposure."""
+        fallback: Any = self.gain_db
+        if "gain_db" not in drawn:
+            return [fallback] * count
+        gains = drawn["gain_db"].tolist()
+        automatic = drawn["gain_auto"].tolist() if "gain_auto" in drawn else [False] * count
+        return [fallback if auto else gain for auto, gain in zip(automatic, gains, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -277,14 +300,26 @@ def warn_of_milliseconds(*exposure_s: float) -> None:
         warnings.warn(text, stacklevel=4)
 
 
-def shakes(params: Params, cameras: Sequence[Camera], of: list[int] | slice) -> list[Trajectory | None]:
-    """The shakes of these pictures, each by its own noise seed; None where there is none. cameras: of each."""
-    if "shake_px" not in params:
+def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
+    """Velocities (B, 2), x right and y down, from speeds (B,) and directions (B,), counter-clockwise as displayed.
+
+    >>> velocity_px_s(torch.tensor([100.0]), torch.tensor([90.0])).round().tolist()
+    [[-0.0, -100.0]]
+    """
+    angle = torch.deg2rad(direction_deg)
+    return torch.stack([angle.cos(), -angle.sin()], dim=-1) * speed_px_s[:, None]
+
+
+def _shakes(drawn: Params, cameras: Sequence[Camera]) -> list[Trajectory | None]:
+    """The shake of each picture, by its noise seed; None without shake."""
+    if "shake_px" not in drawn:
         return [None] * len(cameras)
-    drawn = (params[name][of].tolist() for name in ("noise_seed", "shake_px", "exposure_s"))
+    columns = (drawn[name].tolist() for name in ("noise_seed", "shake_px", "exposure_s"))
     return [
-        shake(seed, extent_px, taken_s, duration_s=path_duration_s(camera, taken_s)) if extent_px else None
-        for seed, extent_px, taken_s, camera in zip(*drawn, cameras, strict=True)
+        shake(seed, extent_px, exposure_s, duration_s=path_duration_s(camera, exposure_s))
+        if extent_px
+        else None
+        for seed, extent_px, exposure_s, camera in zip(*columns, cameras, strict=True)
     ]
 
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 from batches import one_of, pictures
+from exposures import exposed
 
 from blurnoise import Camera, RandomExposure, develop, simulate
-from blurnoise.light.flicker import Flicker, Pwm
+from blurnoise.light.lamp import Pwm
 from blurnoise.optics.captures import Capture, staggered
 from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.scene import hdr
-from blurnoise.training.pictures import expose_pictures
+from blurnoise.picture import fusion
 from blurnoise.training.ranges import ExposureRanges
 
 IMX250 = Camera.preset("imx250")
@@ -53,7 +53,7 @@ def test_snr_dips_where_the_second_capture_takes_over(share):
     mean_e = share * 10_715
     seen = electrons(THREE, mean_e)
     found_db = 20 * math.log10(float(seen.mean() / seen.std()))
-    assert found_db == pytest.approx(hdr.snr_db(FINE, THREE.captures, mean_e), abs=0.06)
+    assert found_db == pytest.approx(fusion.snr_db(THREE, mean_e), abs=0.06)
     assert found_db == pytest.approx({0.75: 39.0, 1.5: 30.0}[share], abs=0.1)
 
 
@@ -87,13 +87,11 @@ def test_a_picture_depends_on_its_own_camera_lamp_and_seed_alone():
         "gain_db": torch.tensor([0.0, 6.0, 0.0, 6.0]),
     }
     more = {"lamp": lamps, "lamp_lights": "targets", "moves": ["targets", "all", "background", "all"]}
-    together = expose_pictures(image, cameras, masks=masks, generator=[5, 6, 7, 8], **given, **more)
+    together = exposed(image, cameras, masks=masks, seeds=[5, 6, 7, 8], **given, **more)
     for item in range(4):
         own = {name: value[item : item + 1] for name, value in (given | more | {"masks": masks}).items()
                if name != "lamp_lights"}  # fmt: skip
-        alone = expose_pictures(
-            image[item : item + 1], cameras[item], generator=[5 + item], lamp_lights="targets", **own
-        )
+        alone = exposed(image[item : item + 1], cameras[item], seeds=[5 + item], lamp_lights="targets", **own)
         assert torch.equal(alone, together[item : item + 1]), item
 
 
@@ -111,10 +109,13 @@ def test_captures_lamps_and_shakes_are_replayed():
 @pytest.mark.parametrize("gain_db", [6.0, 30.0])
 def test_one_capture_with_a_gain_is_the_camera_at_that_gain(gain_db):
     image = pictures(2, 3, 24, 31)
-    given: dict[str, Any] = {**AT, "generator": [1, 2]}
-    seen = expose_pictures(image, replace(IMX250, captures=(Capture(gain_db=6.0),)), gain_db=gain_db, **given)
+    seen = exposed(
+        image, replace(IMX250, captures=(Capture(gain_db=6.0),)), gain_db=gain_db, seeds=[1, 2], **AT
+    )
     reader, digital_db = IMX250.at_gain(6.0 + gain_db)
-    assert torch.equal(seen, develop(simulate(image, reader, **given), reader, gain_db=digital_db))
+    assert torch.equal(
+        seen, develop(simulate(image, reader, generator=[1, 2], **AT), reader, gain_db=digital_db)
+    )
 
 
 @pytest.mark.parametrize("lights", ["all", "targets"])
@@ -122,10 +123,10 @@ def test_a_lamp_lights_targets_that_move_before_their_background(lights):
     """Its factor at rest is the factor of the cut-out, too: 1 ms from the pulse on, all of it lit."""
     image, masks = torch.full((1, 1, 40, 60), 0.5), torch.zeros(1, 1, 40, 60)
     masks[..., 10:30, 20:40] = 1.0
-    lamp = {"lamp": LED, "lamp_lights": lights, "masks": masks, "encoding": "linear", "generator": [1]}
+    lamp = {"lamp": LED, "lamp_lights": lights, "masks": masks, "encoding": "linear"}
     at: dict[str, Any] = {"exposure_s": 0.001, "illuminance_lux": 4.0, "moves": "targets"}
-    moved = expose_pictures(image, FINE, speed_px_s=4000.0, **at, **lamp)
-    still = expose_pictures(image, FINE, speed_px_s=0.0, **at, **lamp)
+    moved = exposed(image, FINE, speed_px_s=4000.0, **at, **lamp)
+    still = exposed(image, FINE, speed_px_s=0.0, **at, **lamp)
     middle = moved[..., 15:25, 25:35].mean() / still[..., 15:25, 25:35].mean()
     assert float(middle) == pytest.approx(1.0, abs=0.03)
     per_white = electrons_per_lux_s(FINE) * 0.001 * 4.0 / FINE.saturation_e
@@ -178,10 +179,3 @@ def test_torchvision_and_albumentations_take_lamps_and_captures():
 def test_what_cannot_be_is_named(given, message):
     with pytest.raises(ValueError, match=message):
         ExposureRanges(**given)
-
-
-def test_a_lamp_of_the_function_is_checked():
-    with pytest.raises(TypeError, match="lamp: must be"):
-        expose_pictures(pictures(1, 1, 4, 5), IMX250, lamp=[Flicker(LED)], **AT)  # type: ignore[list-item]
-    with pytest.raises(ValueError, match="lamp: got 2; must be one, or 3"):
-        expose_pictures(pictures(3, 1, 4, 5), IMX250, lamp=[LED, None], **AT)

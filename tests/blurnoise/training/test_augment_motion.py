@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import exposures
 import pytest
 import torch
 from batches import one_of, pictures
@@ -21,9 +22,7 @@ from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.colour import linear_from_srgb
 from blurnoise.scene import cutting
 from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.labels import velocity_px_s
-from blurnoise.training.pictures import expose_pictures
-from blurnoise.training.ranges import ExposureRanges, shakes
+from blurnoise.training.ranges import ExposureRanges, velocity_px_s
 
 SIZE = (46, 63)
 CAMERA = Camera.preset("imx250")
@@ -47,7 +46,7 @@ def batch(count=3):
 
 
 def exposed(image, camera=CAMERA, **given):
-    return expose_pictures(image, camera, **{**AT, "generator": list(range(len(image))), **given})
+    return exposures.exposed(image, camera, **{**AT, **given})
 
 
 def simulated(light, mask, own, rest, camera, **at):
@@ -82,7 +81,7 @@ def test_pictures_one_by_one_are_the_batch(dtype):
     found = exposed(image, **STRAIGHT, masks=masks, moves=moves)
     assert found.dtype == dtype
     for item in range(4):
-        one = {**STRAIGHT, "generator": [item]}
+        one = {**STRAIGHT, "seeds": [item]}
         alone = exposed(image[[item]], **one, masks=masks[[item]], moves=moves[item])
         assert torch.equal(alone, found[[item]])
         plain = moves[item] == "all" or not masks[item].any()
@@ -132,10 +131,11 @@ def test_parts_move_before_cameras_that_shake_and_read_row_by_row(camera, shake_
     assert torch.equal(aug(image[:1], params=one)[0], out[0])
     taker = aug.ranges.cameras[0]
     velocity = velocity_px_s(one["speed_px_s"], one["direction_deg"])[0]
-    followed = aug.ranges.arguments(one)["moves"] != ["targets"]
+    (exposure,) = aug.ranges.exposures(one)
+    followed = exposure.moves != "targets"
     own, rest = (velocity, 0 * velocity)[:: -1 if followed else 1]
     at = {name: float(one[name]) for name in ("exposure_s", "illuminance_lux")}
-    at |= {"generator": one["noise_seed"].tolist(), "trajectory": shakes(one, [taker], slice(None))[0]}
+    at |= {"generator": one["noise_seed"].tolist(), "trajectory": exposure.trajectory}
     off = (simulated(linear_from_srgb(image[:1]), masks[0], own, rest, taker, **at)[0] - out[0]).abs()
     assert float((off < 1.5 / 255).float().mean()) > 0.995
 
@@ -148,7 +148,7 @@ def test_every_picture_is_simulated_with_the_flow_of_its_own_camera_and_speed():
     found = exposed(image, cameras, ego_kmh=speeds, vehicle=vehicle)
     assert torch.equal(found[2], exposed(image)[2])
     for item, (camera, kmh) in enumerate(zip(cameras, speeds, strict=True)):
-        alone = exposed(image[[item]], camera, ego_kmh=kmh, vehicle=vehicle, generator=[item])
+        alone = exposed(image[[item]], camera, ego_kmh=kmh, vehicle=vehicle, seeds=[item])
         assert torch.equal(alone, found[[item]])
         flow = vehicle.flow_px_s(camera, SIZE, kmh / 3.6)
         dn = simulate(image[[item]], camera, **AT, velocity_px_s=flow, generator=[item])
@@ -208,9 +208,7 @@ def test_boxes_grow_by_what_their_own_place_does():
     [
         (exposed, {"masks": torch.zeros(2, 1, 9, 9)}, "masks: shape"),
         (exposed, {"masks": torch.full((2, 1, *SIZE), 255, dtype=torch.uint8)}, "masks: values"),
-        (exposed, {"masks": torch.zeros(2, 1, *SIZE), "moves": ["all"] * 3}, "moves"),
-        (exposed, {"ego_kmh": 50.0, "speed_px_s": 5.0}, "ego_kmh"),
-        (exposed, {"vehicle": ROAD}, "vehicle: needs ego_kmh"),
+        (exposed, {"ego_kmh": 50.0, "speed_px_s": 5.0}, "ego_speed_m_s"),
         (ExposureRanges, {"moves": ()}, "moves"),
         (ExposureRanges, {"shake_px": (-1.0, 2.0)}, "shake_px"),
         (ExposureRanges, {"ego_kmh": 500.0}, "ego_kmh = 500.0: must be finite and >= 0 and <= 360"),

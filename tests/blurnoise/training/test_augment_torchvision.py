@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import torch
 import torchvision_ops
+from exposures import exposed
 from made_up import Shift
 from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise.light import effects
 from blurnoise.motion.ego import Vehicle
-from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import DRAWN
 from blurnoise.training.table import ExposureTable
 
@@ -60,13 +60,13 @@ def test_exposes_as_the_functional_twin_does(of):
             (*DRAWN, "ego_kmh"),
             {"vehicle": ROAD},
         ),
-        "table": (RandomExposureV2.for_conditions(TABLE, p=1.0), DRAWN, {}),
+        "table": (RandomExposureV2(table=TABLE, p=1.0), DRAWN, {}),
     }
     transform, drawn, fixed = ways[of]
     params = transform.make_params([])
     given = {name: params[name] for name in drawn if name in params} | fixed
     seed = rng.item_seeds(torch.Generator().manual_seed(int(params["noise_seed"])), 1)
-    expected = expose_pictures(picture()[None], "imx250", **given, generator=seed)
+    expected = exposed(picture()[None], "imx250", **given, seeds=seed)
     assert torch.equal(transform.transform(picture(), params), expected[0])
 
 
