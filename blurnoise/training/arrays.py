@@ -72,8 +72,8 @@ def labels_numpy(
 
     shape: of the pictures, (H, W), (H, W, C) or (B, H, W, C). boxes: (N, 4), x0, y0, x1, y1 in px from the corner of
     the picture. keypoints: (N, 2), x, y in px from the centre of the first pixel. label_masks: (H, W) or (..., H, W)
-    of any type. For shapes with B each label has an axis B before. masks: (B, N, H, W) of the targets, where a part of
-    the picture moves. grow_boxes: extend boxes to the swept boxes.
+    of any type. For shapes with B each label has an axis B before. masks: (B, N, H, W) of the targets, where they or
+    the background alone move. grow_boxes: extend boxes to the swept boxes.
 
     Returns the labels that were given, as :mod:`blurnoise.training.labels` says, in the same shapes; boxes and
     keypoints are float64. Raises ``TypeError`` or ``ValueError`` naming the argument.
@@ -83,7 +83,7 @@ def labels_numpy(
     >>> from blurnoise import Camera, Exposure
     >>> exposure = Exposure(Camera.preset("ar0237"), 0.01, 50.0, velocity_px_s=(1000.0, 0.0))
     >>> labels_numpy((240, 320), exposure, keypoints=np.array([[160.0, 10.0]])).keypoints.round(1)
-    array([[148.8,  10. ]])
+    array([[152.4,  10. ]])
     """
     axes, size = _axes_of(shape)
     batch = axes[0] if axes else 1

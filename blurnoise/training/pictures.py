@@ -46,8 +46,8 @@ def expose_pictures(
 ) -> Tensor:
     """Take each picture by its exposure, and develop it: :func:`blurnoise.take` for training.
 
-    image: (B, C, H, W), float, in [0, 1]; half precision is computed in float32. exposure: one for each picture, whose
-    cameras and gains may differ, or one for all pictures, which differ in their noise.
+    image: (B, C, H, W), float, in [0, 1]; half precision is computed in float32. exposure: one for each picture, with
+    cameras and gains of their own, or one for all pictures, which differ in their noise.
 
     masks: (B, N, H, W) within [0, 1], the pixels that the targets of each picture cover; surplus masks are empty. The
     exposure's ``moves`` is the part that moves, and the background behind the targets is filled in from the pixels

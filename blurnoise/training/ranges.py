@@ -1,7 +1,7 @@
-"""Ranges of the conditions that training pictures are taken under, and a draw from them for each picture.
+"""Ranges of the conditions of training pictures, and the exposure that is drawn from them for each picture.
 
-Convention: draws are values in [0, 1), so that the caller decides how they are made; directions run counter-clockwise
-as displayed, 0 to the right.
+Convention: conditions follow from uniform values in [0, 1), so that each library draws these by its own generator;
+directions run counter-clockwise as displayed, 0 to the right.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ Gain = Range | Literal["auto"] | AutoExposure
 Lights = Literal["all", "targets"]
 _LONGEST_USUAL_S = 1.0  # a longer exposure was probably meant in milliseconds: there is a warning
 DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
-"""Conditions of every picture."""
+"""Conditions that are drawn for every picture."""
 LAMP = ("lamp_hz", "lamp_duty", "lamp_phase")
 """Conditions of pictures with a lamp."""
 _OF_EACH = (
     *DRAWN, *LAMP, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "shake_px", "noise_seed",
 )  # fmt: skip
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
-"""Ranges that replace one of them."""
+"""Ranges, and the one of these that each replaces."""
 
 
 class Draws(ABC):
@@ -161,6 +161,11 @@ class ExposureRanges(Draws):
 
     Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed; warns of exposures of more
     than a second.
+
+    >>> ranges = ExposureRanges("imx250", exposure_s=0.01, illuminance_lux=50.0, speed_px_s=800.0, direction_deg=0.0)
+    >>> (exposure,) = ranges.exposures(ranges.conditions(torch.rand(1, ranges.draws)))
+    >>> exposure.velocity_px_s[0]
+    800.0
     """
 
     camera: Cameras = usual.COLOUR
@@ -209,7 +214,7 @@ class ExposureRanges(Draws):
                 raise ValueError(f"exposure_s = {shortest:g}: too short for {readout}")
 
     def _reached(self) -> Iterator[tuple[str, float, str]]:
-        """Quantities that follow from several ranges: name, largest value, and the name of the limit."""
+        """Quantities that follow from several ranges: description, largest value, and the name of its limit."""
         most = {name: vars(self)[name][1] for name in self._drawn[: len(DRAWN)]}
         shortest, longest = vars(self)["exposure_s"]
         moved, within = "the motion during the exposure in px", f"within {shortest:g} s asks for"
@@ -233,7 +238,7 @@ class ExposureRanges(Draws):
 
     @cached_property
     def _drawn(self) -> tuple[str, ...]:
-        """What is drawn for each picture: the ranges of ``DRAWN``, or those in their place, and what else varies."""
+        """The quantities that are drawn for a picture: ``DRAWN``, or those in their place, and others that vary."""
         instead = {_INSTEAD[name]: name for name in _INSTEAD if vars(self)[name] is not None}
         further = {
             "camera_index": True,
@@ -242,8 +247,8 @@ class ExposureRanges(Draws):
             "moves_index": len(self.moves) > 1,
             **dict.fromkeys(LAMP, self.lamp_hz is not None),
         }
-        beside = (name for name, varies in further.items() if varies)
-        return (*(instead.get(name, name) for name in DRAWN), *beside)
+        varying = (name for name, varies in further.items() if varies)
+        return (*(instead.get(name, name) for name in DRAWN), *varying)
 
     @property
     def draws(self) -> int:
@@ -257,13 +262,13 @@ class ExposureRanges(Draws):
             if name in ("camera_index", "moves_index"):
                 drawn[name] = chosen(share, len(self.cameras if name == "camera_index" else self.moves))
                 continue
-            low, high = vars(self).get(name, (0.0, 1.0))  # a phase is anywhere
+            low, high = vars(self).get(name, (0.0, 1.0))  # the phase of a lamp has no range: it is random
             value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
             drawn[name] = value.clamp(low, high)
         exposure_s, index = drawn["exposure_s"], drawn["camera_index"]
         if "white_e" in drawn:
-            each_e = exposure_s.new_tensor([electrons_per_lux_s(camera) for camera in self.cameras])
-            lux = drawn.pop("white_e") / (each_e[index] * exposure_s)
+            per_lux_s = exposure_s.new_tensor([electrons_per_lux_s(camera) for camera in self.cameras])
+            lux = drawn.pop("white_e") / (per_lux_s[index] * exposure_s)
             drawn["illuminance_lux"] = lux.clamp_max(LIMITS["illuminance_lux"].high)
         if "blur_px" in drawn:
             drawn["speed_px_s"] = (drawn.pop("blur_px") / exposure_s).clamp_max(LIMITS["speed_px_s"].high)
@@ -281,21 +286,21 @@ class ExposureRanges(Draws):
             "vehicle": self.ego_kmh is not None,
             **dict.fromkeys(("lamp_hz", "lamp_duty", "lamp_lights"), self.lamp_hz is not None),
         }
-        shown_too = (name for name, used in further.items() if used)
-        named = (*self._drawn[: len(DRAWN)], "gain_db", *shown_too)
+        used = (name for name, uses in further.items() if uses)
+        named = (*self._drawn[: len(DRAWN)], "gain_db", *used)
         return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in named)])
 
 
 def chosen(share: Tensor, count: int) -> Tensor:
-    """One of ``count``, all equally likely, by shares in [0, 1): int64."""
+    """Indices (int64) below ``count``, all equally likely, from shares in [0, 1)."""
     return (share * count).long().clamp_max(count - 1)
 
 
 def warn_of_milliseconds(*exposure_s: float) -> None:
     """Warn of an exposure of more than a second."""
     if max(exposure_s, default=0.0) > _LONGEST_USUAL_S:
-        each = dict.fromkeys(exposure_s)
-        given, meant = (", ".join(f"{seconds * factor:g}" for seconds in each) for factor in (1, 1e-3))
+        different = dict.fromkeys(exposure_s)
+        given, meant = (", ".join(f"{seconds * factor:g}" for seconds in different) for factor in (1, 1e-3))
         text = f"exposure_s = ({given}): is in seconds; must be ({meant}) if milliseconds are meant"
         warnings.warn(text, stacklevel=4)
 
@@ -344,7 +349,7 @@ def bounds(name: str, value: Range) -> tuple[float, float]:
 
 
 def _plain(name: str, value: Any) -> Any:
-    """A tensor or array of one number as that number. Raises ``TypeError`` for a tensor without values."""
+    """A tensor or array of one number as a number. Raises ``TypeError`` for a sparse tensor and one without data."""
     if isinstance(value, Tensor):
         dense(name, value)
     return value.item() if isinstance(value, (Tensor, np.ndarray)) and value.ndim == 0 else value
