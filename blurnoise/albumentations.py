@@ -36,17 +36,8 @@ except ImportError:
     SampledParams = None
 
 _TARGETS = (
-    "IMAGE",
-    "IMAGES",
-    "MASK",
-    "MASKS",
-    "BBOXES",
-    "KEYPOINTS",
-    "VOLUME",
-    "VOLUMES",
-    "MASK3D",
-    "MASKS3D",
-)
+    "IMAGE", "IMAGES", "MASK", "MASKS", "BBOXES", "KEYPOINTS", "VOLUME", "VOLUMES", "MASK3D", "MASKS3D",
+)  # fmt: skip
 _RECORDS: dict[str, type] = {"camera": Camera, "gain_db": AutoExposure, "vehicle": Vehicle}
 """Arguments that ``A.to_dict`` writes as mappings."""
 
@@ -84,15 +75,16 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
 
     def get_transform_init_args(self) -> dict[str, Any]:
         """The arguments of the transform, as albumentations displays, saves and replays them."""
-        held = {each.name: _plain(getattr(self.ranges, each.name)) for each in fields(self.ranges)}  # type: ignore[arg-type]
-        ranges = held if isinstance(self.ranges, ExposureRanges) else {"table": held}
+        source: Any = self.ranges
+        values = {field.name: _plain(getattr(source, field.name)) for field in fields(source)}
+        ranges = values if isinstance(source, ExposureRanges) else {"table": values}
         return {**ranges, **_plain(self.flags), "channels": self.channels}
 
     @classmethod
     def _get_valid_config_keys(cls) -> frozenset[str]:
         """Arguments that AlbumentationsX reports of an applied transform, the ranges included."""
         flags = {"encoding", "fidelity", "grow_boxes", "channels", "table", "p"}
-        return frozenset({each.name for each in fields(ExposureRanges)} | flags)
+        return frozenset({field.name for field in fields(ExposureRanges)} | flags)
 
     def __repr__(self) -> str:
         return f"RandomExposure({self.ranges}, p={self.p:g})"
@@ -102,8 +94,8 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
         worker = get_worker_info() if SampledParams is None else None  # AlbumentationsX does it itself
         if worker is not None and worker.seed != self._worker_seed:
             self._worker_seed = worker.seed
-            own = rng.derived(int(self.random_generator.integers(2**63)), f"worker {worker.seed}")
-            self.set_random_state(np.random.default_rng(own), random.Random(own))
+            seed = rng.derived(int(self.random_generator.integers(2**63)), f"worker {worker.seed}")
+            self.set_random_state(np.random.default_rng(seed), random.Random(seed))
         return super().__call__(*args, **data)
 
     def add_targets(self, additional_targets: dict[str, str]) -> None:
@@ -214,18 +206,18 @@ def _of_targets(drawn: dict[str, Any], ranges: Draws) -> list[Exposure]:
 
 
 def _plain(value: Any) -> Any:
-    """Arguments as mappings, lists and numbers, which JSON and YAML hold."""
+    """Records as mappings and tuples as lists, so that JSON and YAML can hold them."""
     if isinstance(value, Camera):
         return value.to_dict()
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
     if isinstance(value, Mapping):
         return {name: _plain(each) for name, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, (tuple, list)) else value
+    return [_plain(item) for item in value] if isinstance(value, (tuple, list)) else value
 
 
 def _opened(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments whose records may be mappings."""
+    """Arguments with records in place of their mappings."""
     return {
         name: _record(_RECORDS[name], given) if name in _RECORDS else given
         for name, given in arguments.items()
@@ -234,12 +226,12 @@ def _opened(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 def _record(kind: type, given: Any) -> Any:
     if isinstance(given, (list, tuple)):
-        return [_record(kind, each) for each in given]
+        return [_record(kind, one) for one in given]
     if not isinstance(given, Mapping):
         return given
     return Camera.from_dict(given) if kind is Camera else kind(**given)
 
 
-def _table(held: Mapping[str, Any]) -> ExposureTable:
-    rows = tuple(Condition(*row) for row in held["rows"])
-    return ExposureTable(**{**_opened(held), "rows": rows})
+def _table(saved: Mapping[str, Any]) -> ExposureTable:
+    rows = tuple(Condition(*row) for row in saved["rows"])
+    return ExposureTable(**{**_opened(saved), "rows": rows})
