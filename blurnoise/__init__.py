@@ -14,11 +14,6 @@ if TYPE_CHECKING:
     from blurnoise.metrics import slanted_edge
     from blurnoise.motion.ego import blur_pixels, velocity_px_s
     from blurnoise.motion.trajectory import Trajectory
-    from blurnoise.optics.camera import Camera
-    from blurnoise.optics.captures import Capture
-    from blurnoise.optics.radiometry import photoelectrons
-    from blurnoise.optics.spectra import Curve
-    from blurnoise.optics.transfer import Optics
     from blurnoise.picture.develop import develop
     from blurnoise.scene.exposure import Exposure
     from blurnoise.scene.metering import AutoExposure
@@ -67,11 +62,11 @@ _MODULES = {
     "metrics": ("slanted_edge",),
     "motion.ego": ("blur_pixels", "velocity_px_s"),
     "motion.trajectory": ("Trajectory",),
-    "optics.camera": ("Camera",),
-    "optics.captures": ("Capture",),
-    "optics.radiometry": ("photoelectrons",),
-    "optics.spectra": ("Curve",),
-    "optics.transfer": ("Optics",),
+    "camera.camera": ("Camera",),
+    "camera.captures": ("Capture",),
+    "camera.radiometry": ("photoelectrons",),
+    "camera.spectra": ("Curve",),
+    "camera.transfer": ("Optics",),
     "picture.develop": ("develop",),
     "scene.exposure": ("Exposure",),
     "scene.metering": ("AutoExposure",),

@@ -20,8 +20,8 @@ from torch.utils.data import get_worker_info
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
+from blurnoise.camera import Camera
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import Camera
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import AutoExposure
 from blurnoise.training.arrays import CHANNELS, Array, expose_numpy

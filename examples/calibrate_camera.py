@@ -22,7 +22,7 @@ TRUE = Camera.preset("imx250")
 
 def take_frames(folder: Path, size_px: int = 128) -> None:
     """An even light that comes to 90 % of saturation at 20 ms, and the lens covered."""
-    lux = 0.9 * TRUE.saturation_e / photoelectrons(TRUE, 1.0, 0.02)
+    lux = 0.9 * TRUE.sensor.saturation_e / photoelectrons(TRUE, 1.0, 0.02)
     for step in range(1, 9):
         for kind, light in (("dark", 0.0), ("flat", lux)):
             for number in range(2):
@@ -46,4 +46,4 @@ camera = camera_of(found, "mine")  # camera.save("mine.yaml") makes a file for -
 
 for name in ("system_gain_dn_per_e", "read_noise_e", "full_well_e", "black_level_dn"):
     true = "" if len(sys.argv) > 1 else f" (true: {getattr(TRUE, name):.4g})"
-    print(f"{name}: {getattr(camera, name):.4g}{true}")
+    print(f"{name}: {camera.figure(name):.4g}{true}")

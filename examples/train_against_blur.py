@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from blurnoise import AutoExposure, Camera, Exposure, RandomExposure, charts, expose_pictures
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 
 SIDE = 48
 

@@ -19,8 +19,8 @@ from scipy import stats
 from scipy.optimize import brentq
 
 from blurnoise.blur import convolution
+from blurnoise.camera import Camera
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.camera import Camera
 
 ITEM = {item.name: item for item in paper_items.ITEMS}
 METRICS = ("mtf50_x", "patch_snr_dark", "patch_snr_bright", "edge_snr_db", "sic_square", "neq_integral")
@@ -53,7 +53,7 @@ def closed_mtf50(length_px):
 
     The chart's pixel, the areas of the camera's disc in the pixels, and uniform motion.
     """
-    areas = convolution.disc(Camera.preset("lin2024").defocus_radius_px)
+    areas = convolution.disc(Camera.preset("lin2024").lens.defocus_radius_px)
     at = np.arange(len(areas)) - len(areas) // 2
 
     def above_half(f):

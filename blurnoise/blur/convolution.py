@@ -24,9 +24,9 @@ from blurnoise._core.checks import an_instance, image_batch, limited, limited_mo
 from blurnoise._core.threads import differentiable, same_bits, side_by_side, threads_for
 from blurnoise.blur import fourier
 from blurnoise.blur.path_otf import Path
+from blurnoise.camera import transfer
+from blurnoise.camera.transfer import SHARP, Optics
 from blurnoise.motion.trajectory import Polyline
-from blurnoise.optics import transfer
-from blurnoise.optics.transfer import SHARP, Optics
 
 Method = Literal["auto", "none", "transfer", "tiles", "kornia"]
 METHODS = get_args(Method)

@@ -28,8 +28,8 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border, continued, extended
 from blurnoise._core.threads import differentiable, plain, side_by_side
-from blurnoise.optics import transfer
-from blurnoise.optics.transfer import SHARP, Optics
+from blurnoise.camera import transfer
+from blurnoise.camera.transfer import SHARP, Optics
 
 Plane = NDArray[Any]
 _Array = TypeVar("_Array", Tensor, Plane)

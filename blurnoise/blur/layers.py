@@ -42,7 +42,7 @@ from blurnoise._core.threads import differentiable, same_bits
 from blurnoise.blur import convolution, fourier, rows, sub_exposures
 from blurnoise.blur.displacement import Displacement, Readout, spread_px
 from blurnoise.blur.sub_exposures import Sheet
-from blurnoise.optics.transfer import SHARP
+from blurnoise.camera.transfer import SHARP
 
 _PLACE_PX = 1 << 20
 _LONGEST_PX = 4096.0  # of a motion that is cut into sub-exposures
@@ -54,10 +54,10 @@ class Layer:
     """An object in front of a picture: its light and its matte, with a velocity of its own.
 
     light: (C, h, w), linear, not multiplied by alpha. alpha: (h, w) within [0, 1], the share of each pixel that the
-    object covers. velocity_px_s: (2,), (x, y). speed: None, or of a target so many times the velocity of the exposure,
-    to which velocity_px_s is added (:meth:`blurnoise.Exposure.of_targets`). place_px: (left, top) of the object's first pixel in the picture,
-    whole px; it may lie outside the picture. Gradients pass through light, alpha and velocity. Raises ``TypeError``
-    or ``ValueError`` naming the field and what is allowed.
+    object covers. velocity_px_s: (2,), (x, y). place_px: (left, top) of the object's first pixel in the picture,
+    whole px; it may lie outside the picture. speed: of a target, a multiple of the exposure's velocity in place of
+    velocity_px_s (:meth:`blurnoise.Exposure.of_targets`); None: no target. Gradients pass through light, alpha and
+    velocity. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
     """
 
     light: Tensor

@@ -24,8 +24,8 @@ from blurnoise._core.borders import Border
 from blurnoise._core.threads import threads_for
 from blurnoise.blur import fourier
 from blurnoise.blur.fourier import Plane
-from blurnoise.optics import transfer
-from blurnoise.optics.transfer import Optics
+from blurnoise.camera import transfer
+from blurnoise.camera.transfer import Optics
 
 Floats = NDArray[np.float64]
 TOLERANCE = 1e-4

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from blurnoise.blur import fourier
 from blurnoise.blur.fourier import Plane
-from blurnoise.optics.transfer import SHARP, Optics
+from blurnoise.camera.transfer import SHARP, Optics
 
 _LEAST_PX = 64  # side of the small grid
 _ROOM_PX = 32  # of the band-limited ends, both together

@@ -23,8 +23,8 @@ from blurnoise._core.borders import Border, continued, extended
 from blurnoise._core.threads import plain, side_by_side, threads_for
 from blurnoise.blur import convolution, fourier
 from blurnoise.blur.displacement import STILL_PX, Displacement, Floats, stretch
+from blurnoise.camera.transfer import SHARP
 from blurnoise.motion.trajectory import sums
-from blurnoise.optics.transfer import SHARP
 
 Band = tuple[slice, slice, NDArray[Any]]
 Taps = tuple[Tensor, Tensor]

@@ -59,7 +59,8 @@ class Lamp(LightEffect):
             return layer
         starts = zip(layer.place_px[::-1], layer.alpha.shape, factors.shape, strict=True)
         rows, columns = (
-            (start + torch.arange(count)).clamp(0, most - 1).to(factors.device) for start, count, most in starts
+            (start + torch.arange(count)).clamp(0, most - 1).to(factors.device)
+            for start, count, most in starts
         )
         return replace(layer, light=layer.light * factors[rows][:, columns])
 
@@ -91,12 +92,13 @@ class LaterCapture(LightEffect):
         return min(1.0, math.pi * math.hypot(*at.shift.scene_px) / math.sqrt(2))
 
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
-        shift_px = cast(Shift, at.shift).scene_px
+        shift_px = torch.as_tensor(cast(Shift, at.shift).scene_px)
         return (flow_warp if shift_px.ndim > 2 else translated)(light, shift_px, border=border)
 
     def apply_to_layer(self, layer: Layer, like: Tensor, at: Resolved[Tensor], border: Border) -> Layer:
         # A layer has a velocity of its own, and shares the trajectory of the whole picture.
-        (later_s,), (path_px,), _ = cast(Shift, at.shift)
+        shift = cast(Shift, at.shift)
+        later_s, path_px = torch.as_tensor(shift.later_s)[0], torch.as_tensor(shift.path_px)[0]
         return displaced(layer, layer.displacement_px(later_s) + path_px)
 
     def how(self, at: Resolved[float]) -> str:

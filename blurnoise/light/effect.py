@@ -14,11 +14,11 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border
 from blurnoise.blur.layers import Layer
+from blurnoise.camera import Camera
+from blurnoise.camera.spectra import Floats
+from blurnoise.camera.transfer import SHARP, Optics
 from blurnoise.light.resolved import Number, Resolved
 from blurnoise.motion.trajectory import Polyline
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.spectra import Floats
-from blurnoise.optics.transfer import SHARP, Optics
 
 
 class Blur(NamedTuple):
@@ -48,7 +48,7 @@ class LightEffect(ABC):
 
     def idle(self, camera: Camera) -> bool:
         """Whether the camera lacks the effect; by default, whether the effect has figures and all of them are 0."""
-        return bool(self.figures) and not any(getattr(camera, name) for name in self.figures)
+        return bool(self.figures) and not any(camera.figure(name) for name in self.figures)
 
     def acts(self, at: Resolved[Number]) -> bool:
         """Whether the effect changes the light under these conditions; by default, whether it is not idle."""

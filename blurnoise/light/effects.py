@@ -7,20 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import replace
-from typing import cast
 
 import torch
 from torch import Tensor
 
 from blurnoise._core.borders import Border
 from blurnoise.blur import convolution
-from blurnoise.blur.layers import Layer
+from blurnoise.camera import Camera
+from blurnoise.camera.spectra import Floats
+from blurnoise.camera.transfer import SHARP, Optics
 from blurnoise.light import capture, lens, motion
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.resolved import Resolved
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.spectra import Floats
-from blurnoise.optics.transfer import SHARP, Optics
 
 EFFECTS: tuple[LightEffect, ...] = (
     capture.LAMP, capture.LATER_CAPTURE, lens.DISTORTION, motion.OBJECTS, lens.LATERAL_COLOUR, lens.DEFOCUS,
@@ -51,9 +49,7 @@ def through(
 
     Adjacent blurs share a transform. Returns ``light`` itself if no effect changes it.
     """
-    light, _ = _applied(
-        light, at, border, lambda effect: not effect.of_scene and effect.name not in without
-    )
+    light, _ = _applied(light, at, border, lambda effect: not effect.of_scene and effect.name not in without)
     return light
 
 
@@ -82,7 +78,7 @@ def _with_layers_after(
     if not at.objects or type(effect).apply_to_layer is LightEffect.apply_to_layer:
         return at
     every = []
-    for item, layers in enumerate(cast(tuple[tuple[Layer, ...], ...], at.objects)):
+    for item, layers in enumerate(at.layers):
         one, picture = at.part([item]), like[item : item + 1]
         every.append(tuple(effect.apply_to_layer(layer, picture, one, border) for layer in layers))
     return replace(at, objects=tuple(every))

@@ -19,13 +19,12 @@ from torch import Tensor
 from blurnoise._core.borders import Border, Window
 from blurnoise.blur import convolution, over_the_field, resampling
 from blurnoise.blur.layers import Layer, coloured, plane_of
-from blurnoise.light.resolved import Resolved
+from blurnoise.camera import Camera, lens
+from blurnoise.camera.lens import Field, Size
+from blurnoise.camera.spectra import Floats
+from blurnoise.camera.transfer import SHARP, Optics
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.optics import lens
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.lens import Field, Size
-from blurnoise.optics.spectra import Floats
-from blurnoise.optics.transfer import SHARP, Optics
+from blurnoise.light.resolved import Resolved
 
 
 class _OverTheField(LightEffect):
@@ -110,7 +109,7 @@ class LateralColour(_OverTheField):
         if light.shape[1] != 3:
             return light
         field, planes = at.camera.field, list(torch.split(light, 1, 1))
-        for place, share in ((0, field.lens.lateral_red), (2, field.lens.lateral_blue)):
+        for place, share in ((0, field.lateral_red), (2, field.lateral_blue)):
             if share:
                 x, y = lens.larger(field, share, _size(light))
                 planes[place] = resampling.sampled(planes[place], x, y, border)
@@ -118,7 +117,7 @@ class LateralColour(_OverTheField):
 
     def how(self, at: Resolved[float]) -> str:
         field = at.camera.field
-        red, blue = field.lens.lateral_red * field.corner_px, field.lens.lateral_blue * field.corner_px
+        red, blue = field.lateral_red * field.corner_px, field.lateral_blue * field.corner_px
         return f"in the corner red {red:+.3g} px, blue {blue:+.3g} px from green: resampled by splines"
 
 
@@ -133,39 +132,39 @@ class Defocus(_ByTransferFunction):
     cause = "defocus_radius_px"
 
     def idle(self, camera: Camera) -> bool:
-        return not camera.defocus_radius_px and not camera.lens.field_curvature_px
+        return not camera.lens.defocus_radius_px and not camera.lens.field_curvature_px
 
     def bound(self, at: Resolved[float]) -> float:
         """The error of the largest disc; disc areas up to half a pixel are the identity."""
-        if at.camera.defocus_counts_pixel:
-            return 0.0 if at.camera.defocus_radius_px <= 0.5 else 0.5
+        if at.camera.lens.defocus_counts_pixel:
+            return 0.0 if at.camera.lens.defocus_radius_px <= 0.5 else 0.5
         return Optics(defocus_radius_px=max(_ends_px(at.camera))).error
 
     def blur(self, at: Resolved[Tensor]) -> Blur | None:
-        apart = at.camera.defocus_counts_pixel or at.camera.lens.field_curvature_px
+        apart = at.camera.lens.defocus_counts_pixel or at.camera.lens.field_curvature_px
         return None if apart else super().blur(at)
 
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
         camera = at.camera
         if not camera.lens.field_curvature_px:
-            return convolution.defocus(light, camera.defocus_radius_px, border=border)
-        radii = _radii_px(camera.field, camera.defocus_radius_px, _size(light))
+            return convolution.defocus(light, camera.lens.defocus_radius_px, border=border)
+        radii = _radii_px(camera.field, camera.lens.defocus_radius_px, _size(light))
         return over_the_field.defocus(light, radii, border=border)
 
     def how(self, at: Resolved[float]) -> str:
-        if at.camera.defocus_counts_pixel:
-            return f"areas of a disc, {at.camera.defocus_radius_px:g} px"
+        if at.camera.lens.defocus_counts_pixel:
+            return f"areas of a disc, {at.camera.lens.defocus_radius_px:g} px"
         if not at.camera.lens.field_curvature_px:
             return "transfer function"
         centre, corner = _ends_px(at.camera)
-        through = at.camera.defocus_radius_px + at.camera.lens.field_curvature_px < 0  # 0, between them
+        through = at.camera.lens.defocus_radius_px + at.camera.lens.field_curvature_px < 0  # 0, between them
         discs = over_the_field.discs(0.0 if through else min(centre, corner), max(centre, corner))
         return f"disc of {centre:g} px, {corner:g} px in the corner: at most {len(discs)} blurs, blended"
 
     def key(self, at: Resolved[float]) -> Hashable:
         camera = at.camera
         field = camera.field if camera.lens.field_curvature_px else None
-        return camera.defocus_radius_px, camera.defocus_counts_pixel, field
+        return camera.lens.defocus_radius_px, camera.lens.defocus_counts_pixel, field
 
 
 class Diffraction(_ByTransferFunction):
@@ -223,7 +222,7 @@ def _displaced(by_px: float) -> float:
 
 def _ends_px(camera: Camera) -> tuple[float, float]:
     """The disc's radius on the axis and in the corner of the sensor, between which it may pass through 0."""
-    return camera.defocus_radius_px, abs(camera.defocus_radius_px + camera.lens.field_curvature_px)
+    return camera.lens.defocus_radius_px, abs(camera.lens.defocus_radius_px + camera.lens.field_curvature_px)
 
 
 def _size(light: Tensor) -> Size:
@@ -233,7 +232,7 @@ def _size(light: Tensor) -> Size:
 @lru_cache(maxsize=8)
 def _radii_px(field: Field, defocus_px: float, size: Size) -> Floats:
     """The disc's radius (H, W) in a picture."""
-    return np.asarray(abs(defocus_px + field.lens.field_curvature_px * field.heights(size) ** 2))
+    return np.asarray(abs(defocus_px + field.field_curvature_px * field.heights(size) ** 2))
 
 
 DISTORTION, LATERAL_COLOUR, VIGNETTING = Distortion(), LateralColour(), Vignetting()

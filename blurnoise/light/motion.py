@@ -25,18 +25,16 @@ from blurnoise.blur import layers
 from blurnoise.blur.displacement import Displacement, Floats, Readout
 from blurnoise.blur.layers import Layer, ObjectMotion
 from blurnoise.blur.sub_exposures import SPACING_PX
-from blurnoise.light.resolved import Number, Resolved
+from blurnoise.camera import Camera, transfer
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.optics import transfer
-from blurnoise.optics.camera import Camera
-
+from blurnoise.light.resolved import Number, Resolved
 
 
 def motion_effect(at: Resolved[Any]) -> LightEffect:
     """The effect that applies the motion of frames under these conditions; the only place that decides it."""
     if at.objects:  # what covers what changes during the exposure: everything moves in one computation
         return OBJECTS
-    if at.camera.row_time_s:  # each row is exposed in a window of time of its own
+    if at.camera.sensor.row_time_s:  # each row is exposed in a window of time of its own
         return ROLLING_SHUTTER
     if at.flow_px is not None:  # each pixel moves by a displacement of its own
         return MOTION_VARIATION
@@ -45,8 +43,12 @@ def motion_effect(at: Resolved[Any]) -> LightEffect:
 
 def readout_of(camera: Camera, exposure_s: float, size: tuple[int, int]) -> Readout:
     """Row timing of a picture (H, W), which is the largest part of the sensor that has its shape."""
-    row_s = camera.row_time_s / camera.field.per_sensor_px(size) * (1 if camera.scan == "down" else -1)
-    reset = camera.row_time_s > 0 and camera.shutter == "global-reset"
+    row_s = (
+        camera.sensor.row_time_s
+        / camera.field.per_sensor_px(size)
+        * (1 if camera.sensor.scan == "down" else -1)
+    )
+    reset = camera.sensor.row_time_s > 0 and camera.sensor.shutter == "global-reset"
     return Readout(size[0], row_s, exposure_s, reset)
 
 
@@ -111,7 +113,7 @@ class Objects(_Motion):
         return min(1.0, math.sqrt(squares))
 
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
-        return exposed(light, at, cast(tuple[tuple[Layer, ...], ...], at.objects), border)
+        return exposed(light, at, at.layers, border)
 
     def how(self, at: Resolved[float]) -> str:
         found = _objects(at)
@@ -132,7 +134,7 @@ class Motion(_Motion):
     name = "motion"
 
     def bound(self, at: Resolved[float]) -> float:
-        """:func:`blurnoise.optics.transfer.motion_error`, or :attr:`blurnoise.motion.trajectory.Polyline.error`."""
+        """:func:`blurnoise.camera.transfer.motion_error`, or :attr:`blurnoise.motion.trajectory.Polyline.error`."""
         moves = displacement(at)
         if moves.polyline is not None:
             return moves.polyline.error
@@ -147,7 +149,7 @@ class Motion(_Motion):
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Resolved[float]) -> Tensor:
         """Grown by half the displacement to either side, or by what the path covers; of rows, the effect of these."""
-        if at.camera.row_time_s:
+        if at.camera.sensor.row_time_s:
             return boxes_xyxy
         if (along := displacement(at).polyline) is not None:
             return boxes_xyxy + boxes_xyxy.new_tensor(along.box)
@@ -176,7 +178,7 @@ class MotionVariation(_Motion):
     name = "motion variation"
 
     def bound(self, at: Resolved[float]) -> float:
-        """:func:`blurnoise.optics.transfer.motion_variation_error` of the pixel that differs most from the mean."""
+        """:func:`blurnoise.camera.transfer.motion_variation_error` of the pixel that differs most from the mean."""
         return transfer.motion_variation_error(float(at.variation_px))
 
     def how(self, at: Resolved[float]) -> str:
@@ -194,7 +196,7 @@ class RollingShutter(_Motion):
 
     def bound(self, at: Resolved[float]) -> float:
         """Bound from the largest displacement d, pi d / sqrt(2) RMS, and from the light that rows gain."""
-        if not at.camera.row_time_s:
+        if not at.camera.sensor.row_time_s:
             return 0.0
         moves = displacement(replace(at, size=None))
         readout, by_row = moves.readout, moves.each_row_differs
@@ -218,12 +220,12 @@ class RollingShutter(_Motion):
         return f"{took}: {x:+.3g}, {y:+.3g} px per row, after the blur"
 
     def key(self, at: Resolved[float]) -> Hashable:
-        rows = at.camera.row_time_s, at.camera.shutter, at.camera.scan, at.exposure_s
+        rows = at.camera.sensor.row_time_s, at.camera.sensor.shutter, at.camera.sensor.scan, at.exposure_s
         return (*rows, at.displacement_px, at.variation_px, at.trajectories) if rows[0] else None
 
     def move_boxes(self, boxes_xyxy: Tensor, at: Resolved[float]) -> Tensor:
         """Shift the upper and lower edge to their mean rows, and the box sideways as its middle row is."""
-        if not at.camera.row_time_s or not len(boxes_xyxy):
+        if not at.camera.sensor.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
         moves = displacement(at)
         between = boxes_xyxy.detach().cpu().double().numpy() - 0.5  # pixels' centres
@@ -234,7 +236,7 @@ class RollingShutter(_Motion):
 
     def origins(self, points: Floats, at: Resolved[float]) -> Floats:
         """Points less the mean motion in their rows; of points beyond the picture, those of its mirror image."""
-        if not at.camera.row_time_s:
+        if not at.camera.sensor.row_time_s:
             return points
         moves = displacement(at)
         rows, size = np.arange(float(moves.readout.rows)), at.size or at.camera.field.size
@@ -247,7 +249,7 @@ class RollingShutter(_Motion):
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Resolved[float]) -> Tensor:
         """What boxes cover while their rows are exposed, one after another."""
-        if not at.camera.row_time_s or not len(boxes_xyxy):
+        if not at.camera.sensor.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
         between = boxes_xyxy.detach().cpu().double().numpy() - 0.5
         return torch.from_numpy(displacement(at).covered(between) + 0.5).to(boxes_xyxy)

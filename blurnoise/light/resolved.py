@@ -1,7 +1,7 @@
 """An exposure in the units of the picture: electrons of white, motion in px, one window of time for each frame.
 
-:class:`blurnoise.Exposure` says what a user asks for. ``Resolved`` is what that means for one capture of a camera: what
-light effects and sensor stages read, and what the error budget is computed from.
+:class:`blurnoise.Exposure` says what a user asks for. ``Resolved`` is what that means for one capture of a camera:
+what light effects and sensor stages read, and what the error budget is computed from.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from blurnoise._core.checks import Numbers, limited_motion, limited_per_image
 from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layer, ObjectMotion, object_motion
 from blurnoise.blur.sub_exposures import flows
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PLANES
+from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
 from blurnoise.light.lamp import Pwm
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PLANES
-from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
-from blurnoise.optics.spectra import Curve
 
 Number = TypeVar("Number", float, Tensor)
 
@@ -49,8 +49,8 @@ class Resolved(Generic[Number]):
     without. flow_px: (B, 2, H, W), the displacement of each pixel; displacement_px is then the midrange of the flow,
     variation_px the largest distance from it. lamps: the pulsed lamp of each frame, () without; lamp_mask: (B, H, W),
     the share of each pixel's light that comes from it, None for all of it. windows_s: start and duration of each
-    frame's exposure, in double precision, from the start of the first capture. shift: since the first capture; None in
-    that capture.
+    frame's exposure, in double precision, from the start of the first capture. shift: of the scene since the first
+    capture; None in that capture.
     """
 
     camera: Camera
@@ -88,8 +88,8 @@ class Resolved(Generic[Number]):
         (B, 2, H, W); trajectory: one for all or one, or None, for each. Raises ``ValueError`` naming the argument.
         """
         batch, size = len(image), (image.shape[-2], image.shape[-1])
-        if camera.cfa not in PLANES and min(size) < 2:
-            must = f"behind cfa = {camera.cfa!r} must be at least 2 x 2"
+        if camera.sensor.cfa not in PLANES and min(size) < 2:
+            must = f"behind cfa = {camera.sensor.cfa!r} must be at least 2 x 2"
             raise ValueError(f"image: {size[1]} x {size[0]} px; {must}")
         exposure = limited_per_image("exposure_s", exposure_s, batch, image)
         lux = limited_per_image("illuminance_lux", illuminance_lux, batch, image)
@@ -119,6 +119,11 @@ class Resolved(Generic[Number]):
         return self.trajectories[0] if self.trajectories else None
 
     @property
+    def layers(self) -> tuple[tuple[Layer, ...], ...]:
+        """The layers of every frame of a batch; () without."""
+        return cast(tuple[tuple[Layer, ...], ...], self.objects)
+
+    @property
     def lamp(self) -> Pwm | None:
         """The pulsed lamp of the one frame."""
         return self.lamps[0] if self.lamps else None
@@ -131,7 +136,7 @@ class Resolved(Generic[Number]):
         rows = zip(*(tensor.tolist() for tensor in tensors), strict=True)
         size = self.size or self.camera.field.size
         for item, (exposure_s, temperature_c, white_e, (x, y), varies_px) in enumerate(rows):
-            layers = cast(tuple[Layer, ...], self.objects[item] if self.objects else ())
+            layers = self.layers[item] if self.objects else ()
             one = slice(item, item + 1)
             yield Resolved(
                 self.camera,

@@ -22,9 +22,9 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.checks import LARGEST_PICTURE, check_fields, limited, one_of, within
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.lens import SAME_EVERYWHERE, Field
-from blurnoise.optics.spectra import Floats
+from blurnoise.camera import Camera
+from blurnoise.camera.lens import Field
+from blurnoise.camera.spectra import Floats
 
 Lens = Literal["f-theta", "rectilinear"]
 
@@ -176,7 +176,7 @@ class View:
     def _field(self) -> Field | None:
         """Of a lens that images directions X/Z and Y/Z: the calibrated one, or a pinhole."""
         if self.calibrated is None and self.lens == "rectilinear":
-            return Field(SAME_EVERYWHERE, self.width_px, self.height_px, self.hfov_deg, 1.0)
+            return Field(self.width_px, self.height_px, self.hfov_deg)
         return self.calibrated
 
 
@@ -258,8 +258,8 @@ class Vehicle:
         if self.hfov_deg is not None:
             return View(width, height, self.hfov_deg, lens)
         if self.lens is None and camera.lens.displaces:
-            return View(width, height, camera.hfov_deg, calibrated=camera.field)
-        sensor = View(camera.width_px, camera.height_px, camera.hfov_deg, lens)
+            return View(width, height, camera.lens.hfov_deg, calibrated=camera.field)
+        sensor = View(camera.sensor.width_px, camera.sensor.height_px, camera.lens.hfov_deg, lens)
         half = width / 2 / (sensor.focal_px * camera.field.per_sensor_px(size))
         half_deg = math.degrees(half if lens == "f-theta" else math.atan(half))
         return View(width, height, 2 * half_deg, lens)

@@ -22,9 +22,9 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import LIMITS, check_fields, in_range, integer, limited, shown
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import windows
-from blurnoise.optics.spectra import Floats
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import windows
+from blurnoise.camera.spectra import Floats
 
 SIMPLIFIED_PX = 0.02  # from a path to its simplified one; at most 2 pi f times it in the transfer function
 _SAG_PX = 1e-3  # of curves between their knots
@@ -238,11 +238,13 @@ def per_picture(
 def path_duration_s(camera: Camera, exposure_s: float) -> float:
     """Duration of a path about mid-exposure that covers every row and capture, s: exposure plus read-out."""
     ends = (
-        [sum(window) for window in windows(camera.captures, exposure_s)] if camera.captures else [exposure_s]
+        [sum(window) for window in windows(camera.sensor.captures, exposure_s)]
+        if camera.sensor.captures
+        else [exposure_s]
     )
     return (
         max(exposure_s, *(2 * end_s - exposure_s for end_s in ends))
-        + 2 * camera.row_time_s * camera.height_px
+        + 2 * camera.sensor.row_time_s * camera.sensor.height_px
     )
 
 

@@ -21,10 +21,9 @@ from blurnoise._core.checks import an_instance, dense, finite
 from blurnoise._core.lookup import look_up, look_up_codes
 from blurnoise._core.luminance import LUMINANCE
 from blurnoise._core.threads import differentiable, same_bits, side_by_side
-from blurnoise.optics import colour
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import Encoding
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import Camera, colour
+from blurnoise.camera.colour import Encoding
+from blurnoise.camera.spectra import Curve
 from blurnoise.picture import steps
 from blurnoise.picture.steps import OFFSET, SCALE, Development, PictureStep, by_opencv, padded
 
@@ -115,12 +114,14 @@ def _checked(dn: Tensor, camera: Camera) -> tuple[torch.dtype, tuple[PictureStep
         raise TypeError(f"dn: must be integers, float32 or float64, got {dn.dtype}")
     active, shape = steps.active(camera), tuple(dn.shape)
     if steps.FUSION in active:
-        if len(shape) != 5 or shape[0] != len(camera.captures):
-            raise ValueError(f"dn: shape is {shape}; must be ({len(camera.captures)}, B, C, H, W), one for each capture")
+        if len(shape) != 5 or shape[0] != len(camera.sensor.captures):
+            raise ValueError(
+                f"dn: shape is {shape}; must be ({len(camera.sensor.captures)}, B, C, H, W), one for each capture"
+            )
         shape = shape[1:]
-    if camera.cfa not in colour.PLANES and (len(shape) != 4 or shape[1] != 1 or min(shape[-2:]) < 2):
+    if camera.sensor.cfa not in colour.PLANES and (len(shape) != 4 or shape[1] != 1 or min(shape[-2:]) < 2):
         needs = "needs (B, 1, H, W), H and W at least 2"
-        raise ValueError(f"dn: shape is {tuple(dn.shape)}; cfa = {camera.cfa!r} {needs}")
+        raise ValueError(f"dn: shape is {tuple(dn.shape)}; cfa = {camera.sensor.cfa!r} {needs}")
     return kind, active
 
 
@@ -159,7 +160,7 @@ def _table(
     at: Development, pointwise: tuple[PictureStep, ...], kind: torch.dtype, of_light: bool = False
 ) -> Tensor:
     """Table of the steps' result for every digital number, or for each linear value of 16 bits, on the CPU."""
-    count = 1 << 16 if of_light else at.camera.full_scale_dn + 1
+    count = 1 << 16 if of_light else at.camera.sensor.full_scale_dn + 1
     values = torch.arange(count, dtype=torch.float64)
     tones = _developed((values - OFFSET) / SCALE if of_light else values, at, pointwise)
     return tones.mul(255.0).round().to(kind) if kind == torch.uint8 else tones.to(kind)
@@ -176,7 +177,8 @@ def _in_16_bits(dn: Tensor, at: Development, first: tuple[PictureStep, ...], tab
     batch, _, height, width = dn.shape
     camera = at.camera
     gains = np.array(steps.site_gains(camera, at.illuminant)).reshape(2, 2)
-    gains = gains / (camera.full_scale_dn - camera.black_level_dn)
+    sensor = camera.sensor
+    gains = gains / (sensor.full_scale_dn - sensor.black_level_dn)
     tiles = np.tile(gains.astype(np.float32), ((height + 5) // 2, (width + 5) // 2))
     by_site = tiles[: height + 4, : width + 4]  # with the margin
     rows = np.array(steps.matrix(camera, at.illuminant), np.float32)
@@ -185,13 +187,18 @@ def _in_16_bits(dn: Tensor, at: Development, first: tuple[PictureStep, ...], tab
     out = torch.empty((batch, height, width, 3), dtype=getattr(torch, table.dtype.name))
 
     def frame(place: int) -> None:
-        numbers = np.subtract(frames[place], camera.black_level_dn, dtype=np.float32)
-        np.clip(numbers, -camera.black_level_dn, camera.full_scale_dn - camera.black_level_dn, out=numbers)
+        numbers = np.subtract(frames[place], camera.sensor.black_level_dn, dtype=np.float32)
+        np.clip(
+            numbers,
+            -camera.sensor.black_level_dn,
+            camera.sensor.full_scale_dn - camera.sensor.black_level_dn,
+            out=numbers,
+        )
         light = padded(numbers)
         np.multiply(light, by_site, out=light)
         np.minimum(light, highest, out=light)
         codes = cv2.addWeighted(light, SCALE, light, 0.0, OFFSET, dtype=cv2.CV_16U)
-        colours = by_opencv(codes, camera.cfa, camera.demosaic)
+        colours = by_opencv(codes, camera.sensor.cfa, camera.isp.demosaic)
         if coloured:
             colours = cv2.transform(colours, rows)
         look_up_codes(table, colours, out[place].numpy())

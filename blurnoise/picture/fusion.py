@@ -17,8 +17,9 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.checks import LIMITS, an_instance, in_range
-from blurnoise.optics.camera import Amplified, Camera
-from blurnoise.optics.captures import Capture, factors, windows
+from blurnoise.camera import Camera
+from blurnoise.camera.camera import Amplified
+from blurnoise.camera.captures import Capture, factors, windows
 
 BLEND = (0.8, 0.95)
 """Shares of a capture's range between which the next takes over, linearly: high enough to use the range, and far
@@ -28,7 +29,7 @@ by 1 / (saturation_e (high - low)): 0.06 % at 10 715 e-; smaller wells need a wi
 
 def captures_of(camera: Camera) -> tuple[Capture, ...]:
     """The captures of a picture of this camera, at least one."""
-    return camera.captures or (Capture(),)
+    return camera.sensor.captures or (Capture(),)
 
 
 def amplified(camera: Camera, gain_db: float) -> Amplified:
@@ -37,22 +38,25 @@ def amplified(camera: Camera, gain_db: float) -> Amplified:
     The gain is added to that of every capture; the remaining gain is that of the first capture. Raises ``ValueError``
     beyond ``gain_max_db``.
     """
-    if not camera.captures:
+    if not camera.sensor.captures:
         return camera.at_gain(gain_db)
-    in_range("gain_db", gain_db, LIMITS["gain_db"].low, camera.gain_max_db)
+    in_range("gain_db", gain_db, LIMITS["gain_db"].low, camera.sensor.gain_max_db)
     return _amplified(camera, float(gain_db))
 
 
 @lru_cache(maxsize=256)
 def _amplified(camera: Camera, gain_db: float) -> Amplified:
     totals_db = [
-        min(max(gain_db, 0.0) + capture.gain_db, camera.analogue_gain_max_db) for capture in camera.captures
+        min(max(gain_db, 0.0) + capture.gain_db, camera.sensor.analogue_gain_max_db)
+        for capture in camera.sensor.captures
     ]
     captures = tuple(
         replace(capture, gain_db=total_db)
-        for capture, total_db in zip(camera.captures, totals_db, strict=True)
+        for capture, total_db in zip(camera.sensor.captures, totals_db, strict=True)
     )
-    return Amplified(replace(camera, captures=captures), gain_db + camera.captures[0].gain_db - totals_db[0])
+    return Amplified(
+        camera.with_figures(captures=captures), gain_db + camera.sensor.captures[0].gain_db - totals_db[0]
+    )
 
 
 @lru_cache(maxsize=256)
@@ -61,13 +65,16 @@ def readers(camera: Camera) -> tuple[Camera, ...]:
 
     Raises ``ValueError`` unless each capture takes over where the one before it ends.
     """
-    if not camera.captures:
+    if not camera.sensor.captures:
         return (camera,)
-    for capture in camera.captures:
-        in_range("captures: gain_db", capture.gain_db, 0.0, camera.analogue_gain_max_db)
-    alone = replace(camera, captures=())
-    each = tuple(alone.at_gain(capture.gain_db).camera for capture in camera.captures)
-    ends_e = [reader.saturation_e * by for reader, by in zip(each, factors(camera.captures), strict=True)]
+    for capture in camera.sensor.captures:
+        in_range("captures: gain_db", capture.gain_db, 0.0, camera.sensor.analogue_gain_max_db)
+    alone = camera.with_figures(captures=())
+    each = tuple(alone.at_gain(capture.gain_db).camera for capture in camera.sensor.captures)
+    ends_e = [
+        reader.sensor.saturation_e * by
+        for reader, by in zip(each, factors(camera.sensor.captures), strict=True)
+    ]
     for number, (end_e, following_e) in enumerate(pairwise(ends_e), 2):
         if following_e < end_e * (1 - 1e-9):
             raise ValueError(
@@ -84,9 +91,8 @@ def fuse(frames: Sequence[Tensor], camera: Camera) -> Tensor:
     ``BLEND[1]`` on the next one; in between they are blended linearly. Raises ``ValueError`` naming the argument.
 
     >>> import torch
-    >>> from dataclasses import replace
     >>> from blurnoise import Camera, Capture
-    >>> camera = replace(Camera.preset("imx250"), captures=(Capture(), Capture(exposure_ratio=16)))
+    >>> camera = Camera.preset("imx250").with_figures(captures=(Capture(), Capture(exposure_ratio=16)))
     >>> clipped, short = torch.tensor([[4095.0]]), torch.tensor([[2000.0]])
     >>> round(float(fuse([clipped, short], camera)))
     83569
@@ -98,9 +104,9 @@ def fuse(frames: Sequence[Tensor], camera: Camera) -> Tensor:
     fused: Tensor | None = None
     # From the least sensitive capture to the first: what is not clipped in a capture replaces what came before.
     for dn, reader, factor in reversed(list(zip(frames, readers(camera), factors(captures), strict=True))):
-        signal_dn = dn - reader.black_level_dn
-        electrons = signal_dn * (factor / reader.system_gain_dn_per_e)
-        level = signal_dn / (reader.saturated_dn - reader.black_level_dn)
+        signal_dn = dn - reader.sensor.black_level_dn
+        electrons = signal_dn * (factor / reader.sensor.system_gain_dn_per_e)
+        level = signal_dn / (reader.sensor.saturated_dn - reader.sensor.black_level_dn)
         weight = ((high - level) / (high - low)).clamp(0.0, 1.0)
         fused = electrons if fused is None else torch.lerp(fused, electrons, weight)
     return cast(Tensor, fused)
@@ -122,16 +128,16 @@ def noise_e(camera: Camera, electrons: float, *, dark_e: float = 0.0) -> float:
     shared: dict[tuple[float, ...], list[float]] = {}  # by exposure: weight, weighted dark noise, shot noise
     each = zip(captures, readers(camera), factors(captures), windows(captures, 1.0), strict=True)
     for count, (capture, reader, factor, (start_s, duration_s)) in enumerate(each, 1):
-        signal_e, gain = electrons / factor + dark_e * duration_s, reader.system_gain_dn_per_e
-        level = signal_e * gain / (reader.saturated_dn - reader.black_level_dn)
+        signal_e, gain = electrons / factor + dark_e * duration_s, reader.sensor.system_gain_dn_per_e
+        level = signal_e * gain / (reader.sensor.saturated_dn - reader.sensor.black_level_dn)
         share = 1.0 if count == len(captures) else min(1.0, max(0.0, (high - level) / (high - low)))
         weight = remaining * share * factor
         remaining *= 1 - share
         rounding_e2 += (weight / gain) ** 2 / 12
-        shot_e2 = signal_e * reader.variance_factor(signal_e)
+        shot_e2 = signal_e * reader.sensor.variance_factor(signal_e)
         sums = shared.setdefault((start_s, duration_s, capture.sensitivity), [0.0, 0.0, shot_e2])
         sums[0] += weight
-        sums[1] += weight * reader.dark_noise_e
+        sums[1] += weight * reader.sensor.dark_noise_e
     return math.sqrt(
         rounding_e2 + sum(light**2 * shot_e2 + dark**2 for light, dark, shot_e2 in shared.values())
     )
@@ -150,11 +156,11 @@ def dynamic_range_db(camera: Camera) -> float:
     >>> round(dynamic_range_db(Camera.preset("ar0132x3")), 1)
     111.4
     """
-    return 20 * math.log10(saturations_e(camera)[-1] / readers(camera)[0].threshold_e)
+    return 20 * math.log10(saturations_e(camera)[-1] / readers(camera)[0].sensor.threshold_e)
 
 
 def saturations_e(camera: Camera) -> list[float]:
     """Saturation of each capture in electrons of the first, never falling."""
     an_instance("camera", camera, Camera)
     by_capture = zip(readers(camera), factors(captures_of(camera)), strict=True)
-    return [reader.saturation_e * factor for reader, factor in by_capture]
+    return [reader.sensor.saturation_e * factor for reader, factor in by_capture]

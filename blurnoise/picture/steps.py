@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from blurnoise._core.checks import an_instance, limited, one_of
-from blurnoise.optics import colour
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import Encoding, Matrix
-from blurnoise.optics.radiometry import clear_shares, filter_electrons
-from blurnoise.optics.spectra import Curve, check_illuminant
+from blurnoise.camera import Camera, colour
+from blurnoise.camera.colour import Encoding, Matrix
+from blurnoise.camera.radiometry import clear_shares, filter_electrons
+from blurnoise.camera.spectra import Curve, check_illuminant
 from blurnoise.picture.fusion import fuse
 
 GAIN_MAX = 16.0
@@ -57,7 +56,7 @@ class Development:
 
 
 def _of_mosaic(camera: Camera) -> bool:
-    return camera.cfa not in colour.PLANES
+    return camera.sensor.cfa not in colour.PLANES
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ class PictureStep:
 
 
 def _fuses(camera: Camera) -> bool:
-    return len(camera.captures) > 1
+    return len(camera.sensor.captures) > 1
 
 
 def _fused(picture: Tensor, at: Development) -> Tensor:
@@ -88,7 +87,9 @@ def _fused(picture: Tensor, at: Development) -> Tensor:
 
 
 def _light(picture: Tensor, at: Development) -> Tensor:
-    return (picture - at.camera.black_level_dn) / (at.camera.full_scale_dn - at.camera.black_level_dn)
+    return (picture - at.camera.sensor.black_level_dn) / (
+        at.camera.sensor.full_scale_dn - at.camera.sensor.black_level_dn
+    )
 
 
 def _balanced(picture: Tensor, at: Development) -> Tensor:
@@ -111,14 +112,14 @@ def _amplified(picture: Tensor, at: Development) -> Tensor:
 
 def _toned(picture: Tensor, at: Development) -> Tensor:
     """Clip to [0, 1] and, unless the picture is linear, apply the camera's tone curve, by default sRGB."""
-    return colour.toned(picture, at.camera.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
+    return colour.toned(picture, at.camera.isp.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
 
 
 def _compressed(picture: Tensor, at: Development) -> Tensor:
     """A round trip through libjpeg of each picture; three planes are colours, others grey; gradients pass."""
-    if at.encoding != "srgb" or picture.ndim < 3 or at.camera.jpeg_quality is None:
+    if at.encoding != "srgb" or picture.ndim < 3 or at.camera.isp.jpeg_quality is None:
         return picture
-    quality = at.camera.jpeg_quality
+    quality = at.camera.isp.jpeg_quality
     codes = (picture.detach() * 255).round().clamp(0, 255).to(torch.uint8).cpu().numpy()
     each = codes.reshape(-1, *codes.shape[-3 if codes.shape[-3] == 3 else -2 :])
     seen = np.stack([_round_trip(image, quality) for image in each]).reshape(codes.shape)
@@ -136,7 +137,7 @@ def _round_trip(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
 
 
 def _corrects(camera: Camera) -> bool:
-    return camera.ccm is not None or camera.cfa == "RCCB"
+    return camera.isp.ccm is not None or camera.sensor.cfa == "RCCB"
 
 
 FUSION = PictureStep("fusion", _fused, _fuses, pointwise=False)
@@ -144,7 +145,7 @@ BLACK_LEVEL = PictureStep("black level", _light, lambda camera: not _fuses(camer
 WHITE_BALANCE = PictureStep("white balance", _balanced, _of_mosaic, pointwise=False)
 DEMOSAIC = PictureStep(
     "demosaic",
-    lambda picture, at: demosaic(picture, at.camera.cfa, at.camera.demosaic),
+    lambda picture, at: demosaic(picture, at.camera.sensor.cfa, at.camera.isp.demosaic),
     _of_mosaic,
     pointwise=False,
 )
@@ -157,7 +158,7 @@ STEPS = (
     COLOUR_MATRIX,
     PictureStep("digital gain", _amplified),
     PictureStep("tone", _toned),
-    PictureStep("JPEG", _compressed, lambda camera: camera.jpeg_quality is not None, pointwise=False),
+    PictureStep("JPEG", _compressed, lambda camera: camera.isp.jpeg_quality is not None, pointwise=False),
 )
 
 
@@ -169,31 +170,33 @@ def active(camera: Camera) -> tuple[PictureStep, ...]:
 @lru_cache(maxsize=64)
 def site_gains(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, ...]:
     """White-balance gains of the pattern's four places."""
-    letters = dict.fromkeys(camera.cfa)
-    if isinstance(camera.white_balance, str):
+    letters = dict.fromkeys(camera.sensor.cfa)
+    if isinstance(camera.isp.white_balance, str):
         electrons = filter_electrons(camera, illuminant)
         most = max(electrons.values())
         gains = {each: min(most / max(electrons[each], 1e-30), GAIN_MAX) for each in letters}
     else:
-        red, middle, blue = camera.white_balance
+        red, middle, blue = camera.isp.white_balance
         stated = {"R": red, "G": middle, "C": middle, "B": blue}
         least = min(stated[each] for each in letters)
         gains = {each: stated[each] / least for each in letters}
-    return tuple(gains[letter] for letter in camera.cfa)
+    return tuple(gains[letter] for letter in camera.sensor.cfa)
 
 
 def highest(camera: Camera) -> float:
     """The level of linear light from which on a pixel counts as saturated."""
     if _fuses(camera):  # in place of a capture that is full, the next one counts: only white is a limit
         return 1.0
-    return (camera.saturated_dn - camera.black_level_dn) / (camera.full_scale_dn - camera.black_level_dn)
+    return (camera.sensor.saturated_dn - camera.sensor.black_level_dn) / (
+        camera.sensor.full_scale_dn - camera.sensor.black_level_dn
+    )
 
 
 @lru_cache(maxsize=64)
 def matrix(camera: Camera, illuminant: str | Curve = "D55") -> Matrix:
     """Matrix from the demosaiced colours to linear sRGB; rows sum to 1."""
-    corrected = colour.normalised(camera.ccm)
-    if camera.cfa != "RCCB":
+    corrected = colour.normalised(camera.isp.ccm)
+    if camera.sensor.cfa != "RCCB":
         return corrected
     red, green, blue = clear_shares(camera, illuminant)
     by_difference = ((1.0, 0.0, 0.0), (-red / green, 1 / green, -blue / green), (0.0, 0.0, 1.0))
@@ -203,10 +206,10 @@ def matrix(camera: Camera, illuminant: str | Curve = "D55") -> Matrix:
 @lru_cache(maxsize=64)
 def magnification(camera: Camera, illuminant: str | Curve = "D55") -> float:
     """Largest factor, RMS, by which development to linear light magnifies the plane's noise; 1 without a mosaic."""
-    if camera.cfa in colour.PLANES:
+    if camera.sensor.cfa in colour.PLANES:
         return 1.0
-    gains = dict(zip(camera.cfa, site_gains(camera, illuminant), strict=True))
-    if camera.cfa == "RCCC":
+    gains = dict(zip(camera.sensor.cfa, site_gains(camera, illuminant), strict=True))
+    if camera.sensor.cfa == "RCCC":
         return gains["C"]
     each = [gains["R"], gains.get("G", gains.get("C", 1.0)), gains["B"]]
     return max(1.0, float(np.sqrt(((np.array(matrix(camera, illuminant)) * each) ** 2).sum(1)).max()))

@@ -15,16 +15,27 @@ from torch import Tensor
 from typing_extensions import TypeVar
 
 from blurnoise._core import rng
-from blurnoise._core.checks import an_instance, boxes, finite, integer, limited, one_of, picture_size, shown
+from blurnoise._core.checks import (
+    an_instance,
+    boxes,
+    finite,
+    integer,
+    limited,
+    one_of,
+    picture_size,
+    real_tensor,
+    shown,
+)
 from blurnoise.blur.layers import Layer
+from blurnoise.camera import Camera
+from blurnoise.camera.camera import Amplified
+from blurnoise.camera.lens import pixels
+from blurnoise.camera.spectra import Curve, Floats
 from blurnoise.light import effects
 from blurnoise.light.lamp import Pwm
 from blurnoise.light.resolved import Resolved
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Amplified, Camera
-from blurnoise.optics.lens import pixels
-from blurnoise.optics.spectra import Curve, Floats
 from blurnoise.picture.fusion import amplified
 from blurnoise.scene.metering import AutoExposure
 
@@ -44,12 +55,13 @@ class Exposure(Generic[Number]):
     Numbers describe one frame; tensors (B,) a batch, whose picture i is taken under the i-th values. exposure_s: of
     the first capture, to which the boxes refer; NaN: set by the auto-exposure. illuminance_lux: on the scene.
     velocity_px_s: (x, y), x right, y down; for a batch also (B, 2), or of each pixel (2, H, W) or (B, 2, H, W).
-    gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital; or an :class:`blurnoise.AutoExposure`,
+    gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital; or a :class:`blurnoise.AutoExposure`,
     which sets it by the light. seed: of the noise, see :mod:`blurnoise._core.rng`; for a batch one for each picture.
     trajectory: motion in addition to the velocity; for a batch also one or None for each picture. moves: an entry of
     ``MOVES``: which part of a picture with cut-out targets moves. ego_speed_m_s: speed of the camera's vehicle, in
-    place of velocity_px_s; with moves = "background" the targets drive along. lamp: the pulsed lamp that lights the scene; for a batch also one or None for each
-    picture. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    place of velocity_px_s; with moves = "background" the targets drive along. lamp: the pulsed lamp that lights the
+    scene; for a batch also one or None for each picture. Raises ``TypeError`` or ``ValueError`` naming the field and
+    what is allowed.
 
     >>> from blurnoise import Camera
     >>> exposure = Exposure(Camera.preset("imx250"), 0.01, 50.0, velocity_px_s=(1000.0, 0.0))
@@ -60,15 +72,15 @@ class Exposure(Generic[Number]):
     camera: Camera
     exposure_s: Number
     illuminance_lux: Number
-    velocity_px_s: Any = (0.0, 0.0)
+    velocity_px_s: Any = (0.0, 0.0)  # of one frame tuple[float, float]
     temperature_c: Number | float = 25.0
-    gain_db: float | AutoExposure = 0.0
-    seed: int | Sequence[int] = 0
-    trajectory: Trajectory | Sequence[Trajectory | None] | None = None
+    gain_db: Any = 0.0  # float | AutoExposure
+    seed: Any = 0  # int, of a batch Sequence[int]
+    trajectory: Any = None  # Trajectory | None, of a batch also Sequence[Trajectory | None]
     moves: str = "all"
     ego_speed_m_s: Number | float = 0.0
     vehicle: Vehicle = USUAL_VEHICLE
-    lamp: Pwm | Sequence[Pwm | None] | None = None
+    lamp: Any = None  # Pwm | None, of a batch also Sequence[Pwm | None]
 
     def __post_init__(self) -> None:
         an_instance("camera", self.camera, Camera)
@@ -76,10 +88,11 @@ class Exposure(Generic[Number]):
         an_instance("vehicle", self.vehicle, Vehicle)
         if not isinstance(self.gain_db, AutoExposure):
             _ = self.amplified  # whose gain has limits of its own
+        for seed in self.seed if isinstance(self.seed, list | tuple) else [self.seed]:
+            integer("seed", seed, 0, rng.LAST_SEED)
         if not self.batched:
             self._check_one()
-        moving = self.moves == "targets" or bool(torch.as_tensor(self.velocity_px_s).detach().any())
-        if self.drives and moving:
+        if self.drives and (self.moves == "targets" or bool(self._velocity.any())):
             given = f"ego_speed_m_s = {shown(self.ego_speed_m_s)}, or a vehicle that turns"
             raise ValueError(f"{given}: velocity_px_s must be (0, 0) and moves not 'targets'")
 
@@ -93,12 +106,15 @@ class Exposure(Generic[Number]):
         for speed in self.velocity_px_s:
             moved = limited("velocity_px_s", speed) * (0.0 if self.automatic_time else float(self.exposure_s))
             limited("displacement_px: velocity times exposure", moved, "displacement_px")
-        integer("seed", self.seed, 0, rng.LAST_SEED)  # type: ignore[arg-type]
         if self.trajectory is not None:
             an_instance("trajectory", self.trajectory, Trajectory)
         if self.lamp is not None:
             an_instance("lamp", self.lamp, Pwm)
         limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")  # type: ignore[arg-type]
+
+    @property
+    def _velocity(self) -> Tensor:
+        return real_tensor("velocity_px_s", self.velocity_px_s).detach()
 
     @property
     def batched(self) -> bool:
@@ -123,9 +139,7 @@ class Exposure(Generic[Number]):
             raise ValueError("gain_db: is automatic; 'metered' sets it for the light of a picture")
         return amplified(self.camera, self.gain_db)
 
-    def metered(
-        self: Exposure[float], mean_light: float, illuminant: str | Curve = "D55"
-    ) -> Exposure[float]:
+    def metered(self: Exposure[float], mean_light: float, illuminant: str | Curve = "D55") -> Exposure[float]:
         """The exposure with the gain, and the time, that its auto-exposure sets for a picture of this mean light."""
         if not isinstance(self.gain_db, AutoExposure):
             return self
@@ -144,10 +158,11 @@ class Exposure(Generic[Number]):
         """Exposures of one camera, gain, ego speed and part that moves as a batch, in double precision."""
         first = exposures[0]
         numbers: dict[str, Any] = {
-            name: torch.tensor([getattr(one, name) for one in exposures], dtype=torch.float64) for name in _NUMBERS
+            name: torch.tensor([getattr(one, name) for one in exposures], dtype=torch.float64)
+            for name in _NUMBERS
         }
         return replace(  # type: ignore[return-value]
-            first,  # type: ignore[arg-type]
+            first,
             **numbers,
             velocity_px_s=torch.tensor([one.velocity_px_s for one in exposures], dtype=torch.float64),
             seed=[one.seed for one in exposures],
@@ -158,7 +173,7 @@ class Exposure(Generic[Number]):
     def each(self, batch: int) -> Iterator[Exposure[float]]:
         """The exposure of every frame of a batch."""
         columns = {name: _column(getattr(self, name), batch) for name in (*_NUMBERS, *_PER_FRAME)}
-        velocity = torch.as_tensor(self.velocity_px_s, dtype=torch.float64).detach().expand(batch, 2)
+        velocity = self._velocity.double().expand(batch, 2)
         columns["velocity_px_s"] = list(map(tuple, velocity.tolist()))
         for item in range(batch):
             yield replace(self, **{name: values[item] for name, values in columns.items()})  # type: ignore[misc]
@@ -170,25 +185,23 @@ class Exposure(Generic[Number]):
             value = getattr(self, name)
             per_frame = value.ndim in (1, 2, 4) if isinstance(value, Tensor) else isinstance(value, list)
             if per_frame:
-                some[name] = value[list(indices)] if isinstance(value, Tensor) else [value[at] for at in indices]
+                some[name] = (
+                    value[list(indices)] if isinstance(value, Tensor) else [value[at] for at in indices]
+                )
         return replace(self, **some)
 
     def velocity_of(self: Exposure[float], layer: Layer) -> tuple[float, float] | Tensor:
-        """Velocity of a layer of the scene, px/s; of a target, ``of_targets`` at its speed."""
+        """Velocity of a layer of the scene, px/s: its own, or of a target at a speed as ``of_targets`` has it."""
         if layer.speed is None:
             return torch.as_tensor(layer.velocity_px_s)
-        x, y = torch.as_tensor(layer.velocity_px_s).tolist()
-        return self.of_targets(layer.speed, (x, y)).velocity_px_s
+        velocity: tuple[float, float] = self.of_targets(layer.speed).velocity_px_s
+        return velocity
 
-    def move_boxes(
-        self: Exposure[float], boxes_xyxy: Tensor, size: tuple[int, int] | None = None
-    ) -> Tensor:
+    def move_boxes(self: Exposure[float], boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         """Boxes (N, 4) of the scene, px, at mid-exposure in a picture (H, W), by default the sensor's."""
         return self._boxes(boxes_xyxy, size, swept=False)
 
-    def sweep_boxes(
-        self: Exposure[float], boxes_xyxy: Tensor, size: tuple[int, int] | None = None
-    ) -> Tensor:
+    def sweep_boxes(self: Exposure[float], boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         """Swept boxes (N, 4), px, of boxes (N, 4) of the scene; they may extend beyond the picture."""
         return self._boxes(boxes_xyxy, size, swept=True)
 
@@ -228,16 +241,14 @@ class Exposure(Generic[Number]):
             moved = torch.from_numpy(flow.T).to(moved)
         return (moved * self.exposure_s).to(points)
 
-    def of_targets(
-        self: Exposure[float], speed: float = 1.0, own_px_s: tuple[float, float] = (0.0, 0.0)
-    ) -> Exposure[float]:
-        """The exposure for a target that moves at ``speed`` times the velocity, plus its own velocity."""
+    def of_targets(self: Exposure[float], speed: float = 1.0) -> Exposure[float]:
+        """The exposure for a target that moves at ``speed`` times the velocity."""
         if self.moves == "all":
             return self
         if self.drives:  # the targets drive along
             return replace(self, ego_speed_m_s=0.0, vehicle=USUAL_VEHICLE, moves="all")
         share = {"targets": speed, "background": 1.0 - speed}[self.moves]
-        x, y = (share * along + own for along, own in zip(self.velocity_px_s, own_px_s, strict=True))
+        x, y = (share * along + 0.0 for along in self.velocity_px_s)
         return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(
@@ -254,7 +265,9 @@ class Exposure(Generic[Number]):
         nine = across[:, :, None].expand(-1, -1, 3), down[:, None].expand(-1, 3, -1)
         points = torch.stack(nine, -1).view(-1, 2)
         moved = self.displacements_px(points, size)
-        if self.trajectory is None and not self.camera.row_time_s:  # all at once, behind the distortion
+        if (
+            self.trajectory is None and not self.camera.sensor.row_time_s
+        ):  # all at once, behind the distortion
             half = moved.abs() / 2 * swept
             hulls = effects.moved_boxes(points.repeat(1, 2), at, swept=swept) + torch.cat([-half, half], 1)
         else:  # each point by its own motion, in the rows that show it

@@ -14,11 +14,10 @@ from torch import Tensor
 
 from blurnoise._core.checks import Figure, batch_shaped, check_fields, in_range, limited, shown
 from blurnoise._core.luminance import LUMINANCE
-from blurnoise.optics import gain
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture, longest_first_s
-from blurnoise.optics.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import Camera, gain
+from blurnoise.camera.captures import Capture, longest_first_s
+from blurnoise.camera.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
 
 GREY = 0.18
 _ALLOWED = "must be mean, pNN (a percentile above 0, up to 100) or x0,y0,x1,y1 (px, x1 and y1 not included)"
@@ -139,16 +138,23 @@ class AutoExposure:
         """
         light = in_range("mean_light", mean_light, 0.0, 1e6) * limited("illuminance_lux", illuminance_lux)
         first = (
-            camera.captures[0] if camera.captures else Capture()
+            camera.sensor.captures[0] if camera.sensor.captures else Capture()
         )  # by which a picture of several is metered
         electrons = light * electrons_per_lux_s(camera, illuminant) * first.sensitivity
         electrons += dark_electrons(camera, 1.0, limited("temperature_c", temperature_c))
-        rate = electrons * camera.system_gain_dn_per_e / (camera.full_scale_dn - camera.black_level_dn)
+        rate = (
+            electrons
+            * camera.sensor.system_gain_dn_per_e
+            / (camera.sensor.full_scale_dn - camera.sensor.black_level_dn)
+        )
         rate *= brightness(camera, first.gain_db) if first.gain_db else 1.0
         if exposure_s is None:
-            longest_s = longest_first_s(camera.captures, self.limit_s)
+            longest_s = longest_first_s(camera.sensor.captures, self.limit_s)
             exposure_s = self.allowed_s(min(longest_s, self.target / rate if rate > 0 else math.inf))
-        exposure_s, gain_db = limited("exposure_s", exposure_s), min(self.gain_max_db, camera.gain_max_db)
+        exposure_s, gain_db = (
+            limited("exposure_s", exposure_s),
+            min(self.gain_max_db, camera.sensor.gain_max_db),
+        )
         if (reading := exposure_s * rate) * brightness(camera, gain_db) > self.target:
             gain_db = _gain_db(camera, max(1.0, self.target / reading), gain_db)
         return Setting(exposure_s, gain_db, reading * brightness(camera, gain_db))
@@ -169,18 +175,18 @@ class AutoExposure:
 
 def brightness(camera: Camera, gain_db: float) -> float:
     """Factor by which a gain brightens the signal, as a share of the converter's range above black."""
-    if not camera.gains:
+    if not camera.sensor.gains:
         return float(10 ** (gain_db / 20))
-    own, analogue_db = camera.at_0_db, min(gain_db, camera.analogue_gain_max_db)
-    found = gain.measured(own, camera.gains, analogue_db)
-    ranges = [camera.full_scale_dn - row.black_level_dn for row in (own, found)]
+    own, analogue_db = camera.sensor.at_0_db, min(gain_db, camera.sensor.analogue_gain_max_db)
+    found = gain.measured(own, camera.sensor.gains, analogue_db)
+    ranges = [camera.sensor.full_scale_dn - row.black_level_dn for row in (own, found)]
     more = found.system_gain_dn_per_e / own.system_gain_dn_per_e * ranges[0] / ranges[1]
     return float(more * 10 ** ((gain_db - analogue_db) / 20))
 
 
 def _gain_db(camera: Camera, factor: float, most_db: float) -> float:
     """The gain up to ``most_db`` whose :func:`brightness` is ``factor``, 1 or more; measured gains by bisection."""
-    if not camera.gains:
+    if not camera.sensor.gains:
         return 20 * math.log10(factor)
     from scipy.optimize import bisect
 
@@ -198,7 +204,7 @@ def mean_luma(light: Tensor, camera: Camera | None = None, illuminant: str | Cur
     """
     channels = batch_shaped("light", light).shape[1]
     weights = LUMINANCE if channels == 3 else (1 / channels,) * channels
-    if channels == 3 and camera is not None and camera.cfa in ("mono", "RCCC"):
+    if channels == 3 and camera is not None and camera.sensor.cfa in ("mono", "RCCC"):
         weights = colour_shares(camera, illuminant)
     by = light.new_tensor(weights)  # picture by picture: sums over a batch have other bits
     return torch.cat([picture.mean(dim=(-2, -1)) @ by for picture in torch.split(light, 1)])

@@ -14,15 +14,17 @@ from functools import lru_cache
 
 from blurnoise._core.checks import an_instance, limited, picture_size, real_tensor, shown
 from blurnoise.blur.layers import ObjectMotion
+from blurnoise.camera import Camera, radiometry
+from blurnoise.camera.captures import factors
+from blurnoise.camera.radiometry import photoelectrons
+from blurnoise.camera.spectra import Curve
 from blurnoise.light import effects
-from blurnoise.light.resolved import Number, Resolved
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION_VARIATION
+from blurnoise.light.resolved import Number, Resolved
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics import radiometry
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import photoelectrons
-from blurnoise.optics.spectra import Curve
+from blurnoise.picture.fusion import readers, saturations_e
+from blurnoise.picture.steps import FUSION
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
 
@@ -133,13 +135,13 @@ def _plan(
     dithers = {stage.name for stage in of_sensor if stage.dither_dn(at) >= _DITHER_DN}
     left_out, rounding_dn2 = _left_out(camera, bounds, (stay, spreading, dithers), tolerance_dn**2)
     shot, read = stages.SHOT_NOISE.name, stages.READ_NOISE.name
-    if shot not in left_out and camera.read_noise_e >= MERGE_READ_NOISE_E:
+    if shot not in left_out and camera.sensor.read_noise_e >= MERGE_READ_NOISE_E:
         left_out.discard(read)  # it shares shot noise's draw and costs nothing
     spread_dn = math.hypot(*(bounds[name] for name in bounds if name in spreading & left_out))
     rounding_dn2 = min(rounding_dn2, _rounding_dn2(camera, spread_dn))
     figures = frozenset(figure for each in every if each.name in left_out for figure in each.figures)
-    off = {figure: type(getattr(camera, figure))() for figure in figures}  # 0, or no points
-    reduced = replace(camera, **off) if off else camera
+    off = {figure: type(camera.figure(figure))() for figure in figures}  # 0, or no points
+    reduced = camera.with_figures(**off) if off else camera
     noisy = any(stage.draws and stage.name not in left_out for stage in of_sensor)
     kept = [effect for effect in of_light if effect.name not in left_out]
     hows = {effect.name: effect.how(replace(at, camera=reduced)) for effect in kept}
@@ -150,6 +152,15 @@ def _plan(
     )
     total = math.sqrt(rounding_dn2 + sum(each.contribution_dn**2 for each in contributions if not each.kept))
     return Plan(contributions, reduced, frozenset(left_out - stay - {shot}), noisy, total, tolerance_dn)
+
+
+def of_fusion(camera: Camera, white_e: float) -> Contribution:
+    """The fusion of several captures, which is never omitted: the light of white that the first capture clips."""
+    first, captures = readers(camera)[0], camera.sensor.captures
+    beyond_dn = within_range_dn(first, max(0.0, white_e - first.sensor.saturation_e))
+    ratios = ", ".join(f"{factor:.4g}" for factor in factors(captures))
+    how = f"{len(captures)} captures of 1 / ({ratios}) of the light, to {saturations_e(camera)[-1]:.4g} e-"
+    return Contribution(FUSION.name, beyond_dn, True, how)
 
 
 def _left_out(
@@ -175,7 +186,7 @@ def _left_out(
 
 def _rounding_dn2(camera: Camera, spread_dn: float) -> float:
     """DN^2 that rounding adds to a spread that is not dithered."""
-    if spread_dn <= _SINGLE * camera.full_scale_dn:
+    if spread_dn <= _SINGLE * camera.sensor.full_scale_dn:
         return 0.0
-    from_border_dn = abs(camera.black_level_dn % 1 - 0.5)
+    from_border_dn = abs(camera.sensor.black_level_dn % 1 - 0.5)
     return _ROUNDING_DN2 if from_border_dn < 4 * spread_dn else min(spread_dn, _ROUNDING_DN2)

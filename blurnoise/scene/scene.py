@@ -18,9 +18,9 @@ from blurnoise._core import rng
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import batch_shaped, image_batch, one_of
 from blurnoise.blur.layers import Layer, Layers, layers_per_picture
+from blurnoise.camera.colour import PictureTone, picture_tone, untoned
+from blurnoise.camera.spectra import Curve, check_illuminant
 from blurnoise.light.capture import checked_mask
-from blurnoise.optics.colour import PictureTone, picture_tone, untoned
-from blurnoise.optics.spectra import Curve, check_illuminant
 from blurnoise.scene.metering import anchored
 
 _FIELDS = 2  # noise fields that a scene keeps: those of shot and read noise

@@ -12,10 +12,10 @@ from blurnoise._core.borders import Border
 from blurnoise._core.checks import Numbers, an_instance, limited_per_image
 from blurnoise._core.threads import same_bits
 from blurnoise.blur.layers import Layers
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone
+from blurnoise.camera.spectra import Curve
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PictureTone
-from blurnoise.optics.spectra import Curve
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.plan import TOLERANCE_DN
@@ -58,7 +58,7 @@ def simulate(
     torch.Size([1, 1, 2, 3])
 
     image: (B, C, H, W) in [0, 1], the scene's reflectance, 1 is white. encoding: its tone curve, "srgb", "linear",
-    "filmic" or points (light, value), see :mod:`blurnoise.optics.colour`. exposure_s
+    "filmic" or points (light, value), see :mod:`blurnoise.camera.colour`. exposure_s
     (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
     grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": the part of each picture that reflects 18 %; None: brightness is
     reflectance (:mod:`blurnoise.scene.metering`). Light above white is kept. illuminant: the light's spectrum.

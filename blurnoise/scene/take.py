@@ -12,7 +12,7 @@ import time
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import cv2
 import numpy as np
@@ -21,25 +21,24 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import Numbers, an_instance, in_range, integer, limited, limited_per_image, one_of
+from blurnoise._core.checks import an_instance, in_range, integer, limited, limited_per_image, one_of
 from blurnoise._core.threads import differentiable, no_torch_compile, same_bits
-from blurnoise.blur.layers import Layer, Layers
+from blurnoise.blur.layers import Layer
+from blurnoise.camera import Camera, radiometry
+from blurnoise.camera.captures import windows
+from blurnoise.camera.colour import Encoding
 from blurnoise.light import effects
+from blurnoise.light.capture import LATER_CAPTURE
 from blurnoise.light.lamp import per_picture as lamp_per_picture
 from blurnoise.light.resolved import Resolved, Shift, velocities
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics import radiometry
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import windows
-from blurnoise.optics.colour import Encoding, PictureTone
-from blurnoise.optics.spectra import Curve
 from blurnoise.picture.develop import develop, develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.picture.steps import magnification
 from blurnoise.scene.exposure import Exposure
-from blurnoise.scene.metering import anchored, mean_luma
-from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan_at
-from blurnoise.scene.scene import Scene, brightest, scene_reflectance
+from blurnoise.scene.metering import mean_luma
+from blurnoise.scene.plan import TOLERANCE_DN, Plan, of_fusion, plan_at
+from blurnoise.scene.scene import Scene, brightest
 from blurnoise.sensor.readout import Fidelity, ReadoutOptions, digitised
 
 Shared = dict[Hashable, Tensor]
@@ -80,13 +79,14 @@ class TakeOptions:
         in_range("white", self.white, 1e-6, 1e6)
 
 
+_NOT_WANTED = torch.empty(0)
 USUAL = TakeOptions()
 EIGHT_BIT = TakeOptions(("8 bit",))
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of a batch, as far as they were wanted.
+    """Frames of a batch; what was not wanted is empty.
 
     exposure: with the gain and time that an auto-exposure set. raw: digital numbers of every capture, (B, C, H, W)
     each, for a mosaic or one plane (B, 1, H, W). picture: floats in [0, 1], (B, C, H, W), C at least the scene's.
@@ -95,13 +95,13 @@ class Frames:
 
     exposure: Exposure[Any]
     raw: tuple[Tensor, ...] = ()
-    picture: Tensor | None = None
-    eight_bit: Tensor | None = None
+    picture: Tensor = _NOT_WANTED
+    eight_bit: Tensor = _NOT_WANTED
     simulate_ms: float = 0.0
 
     def images(self) -> list[NDArray[np.uint8]]:
         """The 8-bit pictures, (H, W, C) each."""
-        if self.eight_bit is None:
+        if not len(self.eight_bit):
             raise ValueError("wanted: must include '8 bit'")
         if not self.eight_bit.is_contiguous():
             return list(self.eight_bit.permute(0, 2, 3, 1).contiguous().numpy())
@@ -109,6 +109,10 @@ class Frames:
         # OpenCV interleaves planes faster than a permutation copies them.
         planes = self.eight_bit.numpy()
         return [cv2.merge(list(picture)).reshape(height, width, channels) for picture in planes]
+
+    def native_images(self) -> list[NDArray[np.uint16]]:
+        """The digital numbers of each capture of the first picture, (H, W, C), 16 bits."""
+        return [dn[0].permute(1, 2, 0).to(torch.int32).numpy().astype("uint16") for dn in self.raw]
 
 
 @no_torch_compile
@@ -128,6 +132,7 @@ def take(scene: Scene, exposure: Exposure[Any], options: TakeOptions = USUAL) ->
     """
     an_instance("scene", scene, Scene)
     an_instance("exposure", exposure, Exposure)
+    an_instance("options", options, TakeOptions)
     if not isinstance(exposure.gain_db, float | int):
         exposure = exposure.metered(float(mean_luma(scene.light, exposure.camera, scene.illuminant)[0]))
     return _taken(scene, exposure, options, len(scene.light))
@@ -140,9 +145,23 @@ def take_each(
 
     Exposures whose picture is equal behind the lens share the effects of light; adjacent ones that differ in light,
     time and temperature alone are read out together. Raises ``ValueError`` where the scene has several pictures.
+
+    >>> from blurnoise import Camera, Exposure, Scene
+    >>> scene = Scene(torch.full((1, 1, 4, 6), 0.18))
+    >>> camera = Camera.preset("imx250")
+    >>> exposures = [Exposure(camera, 0.005, lux, seed=1) for lux in (20.0, 60.0)]
+    >>> [frames.images()[0].shape for frames in take_each(scene, exposures)]
+    [(4, 6, 1), (4, 6, 1)]
     """
+    an_instance("scene", scene, Scene)
+    an_instance("exposures", exposures, Iterable)
+    an_instance("options", options, TakeOptions)
     if len(scene.light) != 1:
         raise ValueError(f"light: has {len(scene.light)} pictures; must be one, for all the exposures")
+    return _each_taken(scene, exposures, options)
+
+
+def _each_taken(scene: Scene, exposures: Iterable[Exposure[float]], options: TakeOptions) -> Iterator[Frames]:
     behind_lens: dict[Hashable, Shared] = {}
     for _, group in groupby(exposures, key=_reads_alike):
         alike = list(group)
@@ -152,13 +171,27 @@ def take_each(
         simulate_ms = 1e3 * (time.perf_counter() - started) / len(alike)
         for item, exposure in enumerate(alike):
             one = slice(item, item + 1)
-            yield Frames(
-                exposure,
-                tuple(dn[one] for dn in frames.raw),
-                None if frames.picture is None else frames.picture[one],
-                None if frames.eight_bit is None else frames.eight_bit[one],
-                simulate_ms,
-            )
+            raw = tuple(dn[one] for dn in frames.raw)
+            yield Frames(exposure, raw, frames.picture[one], frames.eight_bit[one], simulate_ms)
+
+
+def plan_of(scene: Scene, exposure: Exposure[Any], options: TakeOptions = USUAL) -> Plan:
+    """The parts of the first frame that are modelled or omitted, and why: of its first capture, and the fusion."""
+    camera, _ = exposure.amplified
+    plans = []
+    for at, _ in _captures(scene, exposure, camera, len(scene.light)):
+        light, at = effects.scene_at(scene.light, at, border=scene.border)
+        white = brightest(light, at.layers)[0] * radiometry.peak(at.camera, scene.illuminant)
+        plans.append((at, _plan(next(at.each()), white, options.tolerance_dn)))
+    (at, first), (_, last) = plans[0], plans[-1]
+    if len(plans) == 1:
+        return first
+    moved = LATER_CAPTURE.name  # of the last capture, which has moved farthest
+    stages = [
+        theirs if theirs.name == moved else ours
+        for ours, theirs in zip(first.stages, last.stages, strict=True)
+    ]
+    return replace(first, stages=(*stages, of_fusion(camera, float(at.white_e[0]))))
 
 
 def _reads_alike(exposure: Exposure[float]) -> Hashable:
@@ -174,7 +207,7 @@ def _taken(
     exposure: Exposure[Any],
     options: TakeOptions,
     batch: int,
-    behind_lens: Shared | None = None,
+    shared: Shared | None = None,
 ) -> Frames:
     """The frames of a batch: of each picture of the scene, or of its only one under each value of the exposure."""
     camera, digital_db = exposure.amplified
@@ -187,7 +220,7 @@ def _taken(
             tones = tones_8bit(reader, digital_db, scene.illuminant)
 
     raw = [
-        _capture(scene, at, seeds, options, tolerance_dn, tones, behind_lens)
+        _capture(scene, at, seeds, options, tolerance_dn, tones, shared)
         for at, seeds in _captures(scene, exposure, camera, batch)
     ]
 
@@ -199,7 +232,7 @@ def _taken(
     if several:  # fused in electrons of the first capture, of which those of white become 1 at any gain
         dn, reader = torch.stack(raw), camera
         lit_by = {"illuminant": scene.illuminant, "white_e": _white_e(scene, exposure, batch) * options.white}
-    picture = eight_bit = None
+    picture = eight_bit = _NOT_WANTED
     if "picture" in options.wanted:
         picture = develop(dn, reader, encoding=options.encoding, **lit_by)
         picture = in_channels(picture, max(channels, picture.shape[1]))
@@ -221,6 +254,7 @@ def _captures(
     windows_s = [windows(captures, duration_s) for duration_s in exposure_s.tolist()]
     velocity = velocities(_background_velocity(scene, exposure), light)
     paths, lamps = per_picture(exposure.trajectory, batch), lamp_per_picture(exposure.lamp, batch)
+    lamp_mask = None if scene.lamp_mask is None else scene.lamp_mask.expand(batch, -1, -1)
     layers = _layers(scene, exposure, batch)
     seeds = rng.item_seeds(exposure.seed, batch)
     for number, (capture, reader) in enumerate(zip(captures, readers(camera), strict=True)):
@@ -238,19 +272,23 @@ def _captures(
             velocity_px_s=velocity,
             temperature_c=exposure.temperature_c,
             illuminant=scene.illuminant,
-            trajectory=[path and path.later(by_s) for path, by_s in zip(paths, later_s, strict=False)] or None,
+            trajectory=[path and path.later(by_s) for path, by_s in zip(paths, later_s, strict=False)]
+            or None,
             objects=layers,
         )
-        at = replace(at, lamps=lamps, lamp_mask=scene.lamp_mask if lamps else None, windows_s=windows_now_s)
+        at = replace(at, lamps=lamps, lamp_mask=lamp_mask if lamps else None, windows_s=windows_now_s)
         if number:
             at = replace(at, shift=_shift(velocity, paths, windows_s, number, later_s))
         # Two gains on one exposure read the same electrons: their noise is drawn from the same stream.
         streams = [of_picture.index(of_picture[number]) for of_picture in windows_s]
         streams = [one if captures[one].sensitivity == capture.sensitivity else number for one in streams]
-        yield at, [
-            rng.derived(seed, f"capture {stream}") if stream else seed
-            for seed, stream in zip(seeds, streams, strict=True)
-        ]
+        yield (
+            at,
+            [
+                rng.derived(seed, f"capture {stream}") if stream else seed
+                for seed, stream in zip(seeds, streams, strict=True)
+            ],
+        )
 
 
 def _background_velocity(scene: Scene, exposure: Exposure[Any]) -> Any:
@@ -301,76 +339,85 @@ def _capture(
     options: TakeOptions,
     tolerance_dn: float,
     tones: Tensor | None,
-    behind_lens: Shared | None,
+    shared: Shared | None,
 ) -> Tensor:
-    """Digital numbers (B, C, H, W) of one capture, or their ``tones``, for a mosaic or one plane (B, 1, H, W)."""
-    # The scene as the capture finds it: in the light of a pulsed lamp, moved on since the first capture.
+    """Digital numbers (B, C, H, W) of one capture, or their ``tones``; for a mosaic or one plane (B, 1, H, W)."""
+    # The scene as this capture finds it: in the light of a pulsed lamp, moved on since the first capture.
     batch = len(at.exposure_s)
-    before, at_first = scene.light.expand(batch, -1, -1, -1), at
-    light, at = effects.scene_at(before, at, border=scene.border)
-    brightest_of = scene.brightest * (batch // len(scene.brightest))
-    if light is not before or at is not at_first:
-        brightest_of = brightest(light, at.objects)
+    at_rest, before = scene.light.expand(batch, -1, -1, -1), at
+    light, at = effects.scene_at(at_rest, at, border=scene.border)
+    whites = scene.brightest * (batch // len(scene.brightest))
+    if light is not at_rest or at is not before:
+        whites = brightest(light, at.layers)
 
-    # Frames that model the same parts are computed together; with gradients all parts are.
-    asked = _differentiable(light, at)
+    # Which parts of the chain each frame needs. Frames that need the same ones are computed together.
     alike: dict[Hashable, tuple[Plan, list[int]]] = {}
+    everything = options.fidelity == "full" or _differentiable(light, at)
     for item, one in enumerate(at.each()):
-        plan = Plan((), at.camera)
-        if options.fidelity == "auto" and not asked:
-            plan = _plan(one, brightest_of[item] * radiometry.peak(at.camera, scene.illuminant), tolerance_dn)
-        key: Hashable = bool(one.objects)
-        if behind_lens is not None:
-            key = effects.key(plan.reduced(one), plan.without)
-        alike.setdefault((plan, key), (plan, []))[1].append(item)
+        white = whites[item] * radiometry.peak(at.camera, scene.illuminant)
+        plan = Plan((), at.camera) if everything else _plan(one, white, tolerance_dn)
+        light_key = bool(one.objects) if shared is None else effects.key(plan.reduced(one), plan.without)
+        alike.setdefault((plan, light_key), (plan, []))[1].append(item)
 
     planes = radiometry.planes(at.camera, light.shape[1])
-    out: Tensor | None = None
-    if len(alike) > 1:
-        out = light.new_empty((batch, planes, *scene.size), dtype=light.dtype if tones is None else tones.dtype)
-    for (_, key), (plan, items) in alike.items():
-        whole, run = len(items) == batch, items[-1] - items[0] < len(items)
-        indices: Any = slice(items[0], items[-1] + 1) if run else items  # a slice makes no copy
-
-        # Lens and motion, then the colour filters: light on the pixels.
-        if behind_lens is None:
-            lit = effects.through(
-                light[indices], plan.reduced(at if whole else at.part(items)), border=scene.border, without=plan.without
-            )
+    kind = light.dtype if tones is None else tones.dtype
+    out = light.new_empty((batch, planes, *scene.size), dtype=kind) if len(alike) > 1 else None
+    for key, (plan, items) in alike.items():
+        indices = _run(items)
+        # Lens and motion.
+        if shared is None:
+            lit = _through(scene, light[indices], at if len(items) == batch else at.part(items), plan)
         else:
-            if key not in behind_lens:
-                behind_lens[key] = effects.through(
-                    light[items[:1]], plan.reduced(at.part(items[:1])), border=scene.border, without=plan.without
-                )
-            lit = behind_lens[key]
+            if key not in shared:
+                shared[key] = _through(scene, light[items[:1]], at.part(items[:1]), plan)
+            lit = shared[key]
+        # The colour filters.
         on_pixels = radiometry.on_sensor(lit, plan.camera, scene.illuminant)
-
-        # The sensor: electrons with their noise, gain, and the converter's digital numbers.
-        owned = behind_lens is None and on_pixels.untyped_storage().data_ptr() != light.untyped_storage().data_ptr()
+        # The sensor: photons to electrons, their noise, gain, and the converter.
+        to = None if out is None or isinstance(indices, list) else out[indices]
+        if to is None and shared is None and _owned(on_pixels, light):
+            to = on_pixels  # the light is not needed again: its memory takes the digital numbers
         reading = ReadoutOptions(
-            [seeds[item] for item in items],
-            _fixed_pattern(scene, plan.camera, planes, options.pattern_seed),
-            options.fidelity,
-            options.noise and plan.noisy,
-            options.quantised,
-            plan.without,
-            rng.standard_normal if behind_lens is None else scene.normal,
-            tones,
-            out[indices] if out is not None and run else (on_pixels if owned and on_pixels.is_contiguous() else None),
+            seeds=[seeds[item] for item in items],
+            fixed_pattern=_fixed_pattern(scene, plan.camera, planes, options.pattern_seed),
+            fidelity=options.fidelity,
+            noise=options.noise and plan.noisy,
+            quantised=options.quantised,
+            without=plan.without,
+            draw=rng.standard_normal if shared is None else scene.normal,
+            tones=tones,
+            out=to,
         )
-        dn = digitised(on_pixels.expand(len(items), -1, -1, -1), plan.reduced(at.readout(indices)), reading)
+        exposed = on_pixels.expand(len(items), -1, -1, -1)
+        dn = digitised(exposed, plan.reduced(at.readout(indices)), reading)
         if out is None:
             return dn
-        if dn is not reading.out or not run:
+        if dn is not to or to is on_pixels:
             out[indices] = dn
-    return out
+    return cast(Tensor, out)
+
+
+def _run(items: list[int]) -> slice | list[int]:
+    """Indices as a slice, which makes no copy, if they follow each other."""
+    return slice(items[0], items[-1] + 1) if items[-1] - items[0] < len(items) else items
+
+
+def _through(scene: Scene, light: Tensor, at: Resolved[Tensor], plan: Plan) -> Tensor:
+    """Light behind the lens, after all motion, without what the plan omits."""
+    return effects.through(light, plan.reduced(at), border=scene.border, without=plan.without)
+
+
+def _owned(on_pixels: Tensor, light: Tensor) -> bool:
+    """Whether light on the pixels is stored apart from the scene's, and can be overwritten."""
+    apart = on_pixels.untyped_storage().data_ptr() != light.untyped_storage().data_ptr()
+    return apart and on_pixels.is_contiguous()
 
 
 def _differentiable(light: Tensor, at: Resolved[Tensor]) -> bool:
     """Whether digital numbers will carry gradients."""
     moved = torch.as_tensor(at.displacement_px) if at.flow_px is None else at.flow_px
     numbers = differentiable(light, at.exposure_s, at.white_e, moved, at.temperature_c)
-    return numbers or any(layer.requires_grad for layers in at.objects for layer in layers)
+    return numbers or any(layer.requires_grad for layers in at.layers for layer in layers)
 
 
 def _plan(one: Resolved[float], brightest: float, tolerance_dn: float) -> Plan:
@@ -382,9 +429,9 @@ def _plan(one: Resolved[float], brightest: float, tolerance_dn: float) -> Plan:
 def _fixed_pattern(
     scene: Scene, camera: Camera, planes: int, pattern_seed: int
 ) -> tuple[Tensor, Tensor] | None:
-    if not camera.prnu_total and not camera.dsnu_total_e:
+    if not camera.sensor.prnu_total and not camera.sensor.dsnu_total_e:
         return None
-    return camera.fixed_pattern((planes, *scene.size), pattern_seed)
+    return camera.sensor.fixed_pattern((planes, *scene.size), pattern_seed)
 
 
 def _white_e(scene: Scene, exposure: Exposure[Any], batch: int) -> Tensor:

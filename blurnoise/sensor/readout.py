@@ -22,11 +22,11 @@ from blurnoise._core import rng
 from blurnoise._core.checks import Numbers, image_batch, limited_per_image, one_of
 from blurnoise._core.lookup import look_up, look_up_codes
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
+from blurnoise.camera import Camera
+from blurnoise.camera.radiometry import dark_electrons
 from blurnoise.light.resolved import Resolved
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import dark_electrons
 from blurnoise.sensor import stages
-from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
+from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Law, ReadoutFields, SensorStage
 
 Fidelity = Literal["auto", "full"]
 FixedPattern = tuple[Tensor, Tensor]
@@ -107,10 +107,10 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
     active = stages.active(camera, options.without, noisy=options.noise)
     law, known = _law(camera, options, with_gradients, active), supports(active)
 
-    def frames(of: slice, lights: slice) -> Frames:
+    def frames(of: slice, lights: slice) -> ReadoutFields:
         light, white_e, dark_e = scene[of], white[lights, None, None, None], dark[lights, None, None, None]
         gain, offset_e = (None if plane is None else plane.expand(light.shape) for plane in pattern)
-        bare = Frames(
+        bare = ReadoutFields(
             camera, law, white_e, dark_e, seeds[of], options.quantised, gain=gain, offset_e=offset_e
         )
         drawn: dict[str, Any] = {}
@@ -143,14 +143,14 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
     return out
 
 
-def _through(some: Iterable[SensorStage], signal: Tensor, at: Frames) -> Tensor:
+def _through(some: Iterable[SensorStage], signal: Tensor, at: ReadoutFields) -> Tensor:
     """The signal after all stages: the reference."""
     for stage in some:
         signal = stage.apply(signal, at)
     return signal
 
 
-def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: Frames) -> Tensor:
+def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: ReadoutFields) -> Tensor:
     """``_through`` by pieces that stay cached through stages of the linear model and share a plane of memory."""
     batch, colours, height, width = signal.shape
     step = max(1, _PIECE // (colours * width))
@@ -170,11 +170,14 @@ def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: Frames) -> Ten
 
 
 def _write_pieces(
-    some: Sequence[SensorStage], signal: Tensor, pieces: Sequence[tuple[int, slice, Frames]], out: Tensor
+    some: Sequence[SensorStage],
+    signal: Tensor,
+    pieces: Sequence[tuple[int, slice, ReadoutFields]],
+    out: Tensor,
 ) -> Tensor:
     written = out.numpy()
 
-    def write(piece: tuple[int, slice, Frames]) -> None:
+    def write(piece: tuple[int, slice, ReadoutFields]) -> None:
         item, rows, at = piece
         written[item, :, rows] = _through(some, signal[item : item + 1, :, rows], at).numpy()
 
@@ -182,10 +185,10 @@ def _write_pieces(
     return out
 
 
-def _draws_read_noise(at: Frames, light: Tensor, known: bool) -> bool:
+def _draws_read_noise(at: ReadoutFields, light: Tensor, known: bool) -> bool:
     """Whether read noise needs a field apart; merged, only for wells that may be full, which own stages may fill."""
     if at.law != "merged":
-        return at.law != "none" and at.camera.read_noise_e > 0
+        return at.law != "none" and at.camera.sensor.read_noise_e > 0
     full_e = stages.nearly_full_e(at.camera)
     brightest = _most(light) * (1.0 if at.gain is None else _most(at.gain))
     return math.isfinite(full_e) and not (known and _most(at.white_e) * brightest + _most(at.dark_e) < full_e)
@@ -202,7 +205,7 @@ def _law(camera: Camera, options: ReadoutOptions, with_gradients: bool, active: 
         return "none"
     if options.fidelity == "full" and not with_gradients:  # counts have no derivative
         return "exact"
-    if camera.read_noise_e < MERGE_READ_NOISE_E and not with_gradients:
+    if camera.sensor.read_noise_e < MERGE_READ_NOISE_E and not with_gradients:
         return "counts"
     after_shot = active[active.index(stages.SHOT_NOISE) + 1 :]
     last = stages.READ_NOISE if stages.READ_NOISE in after_shot else stages.FULL_WELL
@@ -221,7 +224,7 @@ def supports(active: Sequence[SensorStage]) -> bool:
     return list(active) == own and stages.PHOTON_TRANSFER not in active
 
 
-def write_frames(scene: Tensor, at: Frames, out: Tensor, tones: Tensor | None, threads: int) -> None:
+def write_frames(scene: Tensor, at: ReadoutFields, out: Tensor, tones: Tensor | None, threads: int) -> None:
     """Write the digital numbers (L, C, H, W) of light (1, C, H, W) under L lights, or what ``tones`` has for them.
 
     at: means of each light, and the fields of one frame, which all share. Several lights go with the laws "none" and
@@ -237,7 +240,7 @@ def write_frames(scene: Tensor, at: Frames, out: Tensor, tones: Tensor | None, t
     offset_e = stages.offsets_e(at)
     offset_e = None if offset_e is None else offset_e.expand(scene.shape)
     fields = [None if each is None else _flat(each) for each in (at.normal, at.read, at.gain, offset_e)]
-    table, full_scale_dn = None, at.camera.full_scale_dn
+    table, full_scale_dn = None, at.camera.sensor.full_scale_dn
     if tones is not None:  # for every code of 16 bits
         table = np.pad(tones.numpy()[: full_scale_dn + 1], (0, 65_535 - full_scale_dn), mode="edge")
     count = threads * math.ceil(light.size / _FAST_PIECE / threads)
@@ -257,12 +260,16 @@ def _flat(field: Tensor) -> Plane:
 
 
 def _write_piece(
-    light: Plane, fields: Sequence[Plane | None], at: Frames, out: Plane, table: Plane | None
+    light: Plane, fields: Sequence[Plane | None], at: ReadoutFields, out: Plane, table: Plane | None
 ) -> None:
     """Write the frames ``out`` (L, C, n) of light (C, n); fields: normal, read, gain and offset_e."""
     (normal, read, gain, offset_e), camera, law = fields, at.camera, at.law
     whites_e, darks_e = at.white_e.flatten().tolist(), at.dark_e.flatten().tolist()
-    gain_dn, black_dn, well_e = camera.system_gain_dn_per_e, camera.black_level_dn, camera.well_limit_e
+    gain_dn, black_dn, well_e = (
+        camera.sensor.system_gain_dn_per_e,
+        camera.sensor.black_level_dn,
+        camera.sensor.well_limit_e,
+    )
     work, codes = np.empty((5, *light.shape), light.dtype), np.empty(light.shape, np.uint16)
     lit, signal, noise, skew, bend = work
     given = light if gain is None else np.multiply(light, gain, out=lit)
@@ -280,7 +287,7 @@ def _write_piece(
             mean += dark_e
         added, scale_e, full = mean, 0.0, None
         if law == "merged" and normal is not None:
-            scale_e = _merged_noise(mean, unit_e, camera.read_noise_e, normal, bend, noise, skew)
+            scale_e = _merged_noise(mean, unit_e, camera.sensor.read_noise_e, normal, bend, noise, skew)
             added = noise
             if read is not None:
                 full = _where_full(mean, unit_e, camera, normal, read, offset_e)
@@ -289,7 +296,7 @@ def _write_piece(
                 mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
             added = mean = np.minimum(mean, min(well_e, _BEYOND_DN / gain_dn) / unit_e, out=signal)
             if read is not None:
-                added, scale_e = read, camera.read_noise_e
+                added, scale_e = read, camera.sensor.read_noise_e
         if offset_e is not None:
             mean += offset_e
         # Gain, black level, rounding, and the limits of 16 bits.
@@ -298,7 +305,7 @@ def _write_piece(
         if full is not None:
             codes[full[0]] = full[1]
         if table is None:
-            np.minimum(codes, camera.full_scale_dn, out=codes)
+            np.minimum(codes, camera.sensor.full_scale_dn, out=codes)
             np.copyto(frame, codes, casting="unsafe")
         else:
             look_up_codes(table, codes, frame)
@@ -312,12 +319,12 @@ def _where_full(
     if not where.any():
         return None
     mean_e, z = (torch.from_numpy(plane[where]) for plane in (mean * unit_e, normal))
-    charge = stages.noisy_electrons(mean_e, 0.0, z).clamp_(0.0, camera.well_limit_e).numpy()
-    charge += camera.read_noise_e * read[where]
+    charge = stages.noisy_electrons(mean_e, 0.0, z).clamp_(0.0, camera.sensor.well_limit_e).numpy()
+    charge += camera.sensor.read_noise_e * read[where]
     if offset_e is not None:
         charge += offset_e[where]
-    charge *= camera.system_gain_dn_per_e
-    charge += camera.black_level_dn
+    charge *= camera.sensor.system_gain_dn_per_e
+    charge += camera.sensor.black_level_dn
     return where, np.rint(charge).clip(0, 65_535).astype(np.uint16)
 
 

@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 from torch import Tensor
 
+from blurnoise.camera import Camera
 from blurnoise.light.resolved import Resolved
-from blurnoise.optics.camera import Camera
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`.stages.noisy_electrons`."""
@@ -20,7 +20,7 @@ made of one normal draw; as Poisson counts."""
 
 
 @dataclass(frozen=True)
-class Frames:
+class ReadoutFields:
     """Frames (B, C, H, W) being read out: means per frame (B, 1, 1, 1), and the fields (B, C, H, W) drawn for them.
 
     white_e, dark_e: mean electrons of light 1 and of the dark. seeds: of the noise, one for each frame. normal, read:
@@ -40,7 +40,7 @@ class Frames:
     offset_e: Tensor | None = None
     shared: Mapping[str, Tensor] = field(default_factory=dict)
 
-    def part(self, item: int, rows: slice) -> Frames:
+    def part(self, item: int, rows: slice) -> ReadoutFields:
         """Some rows of one frame."""
         of, fields = slice(item, item + 1), ("normal", "read", "gain", "offset_e")
         own: dict[str, Any] = {
@@ -71,7 +71,7 @@ class SensorStage(ABC):
     modelled: str = "element by element"
 
     @abstractmethod
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         """Return the signal after the stage; differentiable, on any device."""
 
     def bound_dn(self, at: Resolved[float]) -> float | None:
@@ -89,9 +89,9 @@ class SensorStage(ABC):
 
 def signal_bound_e(at: Resolved[float]) -> float:
     """Electrons of white, but not beyond twice saturation: noise past the clip does not show."""
-    return min(at.white_e, 2 * at.camera.saturation_e)
+    return min(at.white_e, 2 * at.camera.sensor.saturation_e)
 
 
 def within_range_dn(camera: Camera, electrons: float) -> float:
     """An error of so many electrons in DN, which cannot exceed the range."""
-    return min(camera.system_gain_dn_per_e * electrons, camera.full_scale_dn)
+    return min(camera.sensor.system_gain_dn_per_e * electrons, camera.sensor.full_scale_dn)

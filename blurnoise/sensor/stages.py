@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,14 +14,20 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import FilterCurves, marked
+from blurnoise.camera.radiometry import electrons_per_lux_s
+from blurnoise.camera.sensor import DSNU as DSNU_FIGURES
+from blurnoise.camera.sensor import PRNU as PRNU_FIGURES
+from blurnoise.camera.spectra import Curve, Spectrum
 from blurnoise.light.resolved import Resolved
-from blurnoise.optics.camera import DSNU as DSNU_FIGURES
-from blurnoise.optics.camera import PRNU as PRNU_FIGURES
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import FilterCurves, marked
-from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.optics.spectra import Curve, Spectrum
-from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, SensorStage, signal_bound_e, within_range_dn
+from blurnoise.sensor.stage import (
+    MERGE_READ_NOISE_E,
+    ReadoutFields,
+    SensorStage,
+    signal_bound_e,
+    within_range_dn,
+)
 
 
 class SpectralIntegration(SensorStage):
@@ -31,14 +36,14 @@ class SpectralIntegration(SensorStage):
     name = "spectral integration"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return (signal * at.white_e).clamp(min=0.0)
 
     def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, _flat_curve_error(at.camera, at.illuminant) * at.white_e)
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        mark = marked(camera.quantum_efficiency)
+        mark = marked(camera.sensor.quantum_efficiency)
         return "once per camera and light" + (f"; its curve {mark}" if mark else "")
 
 
@@ -50,11 +55,11 @@ class Prnu(SensorStage):
     figures = PRNU_FIGURES
     spreads = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal if at.gain is None else (signal * at.gain).clamp(min=0.0)
 
     def bound_dn(self, at: Resolved[float]) -> float:
-        return within_range_dn(at.camera, at.camera.prnu_total * signal_bound_e(at))
+        return within_range_dn(at.camera, at.camera.sensor.prnu_total * signal_bound_e(at))
 
 
 class DarkCurrent(SensorStage):
@@ -65,7 +70,7 @@ class DarkCurrent(SensorStage):
     figures = ("dark_current_e_s",)
     spreads = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal + at.dark_e
 
     def bound_dn(self, at: Resolved[float]) -> float:
@@ -80,13 +85,13 @@ class PhotonTransfer(SensorStage):
     figures = ("photon_transfer",)
     modelled = "in the draw of shot noise"
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal
 
     def bound_dn(self, at: Resolved[float]) -> float:
         most_e, camera = signal_bound_e(at) + at.dark_e, at.camera
-        places_e = [share * camera.saturation_e for share, _ in camera.photon_transfer]
-        reached = [camera.variance_factor(min(place_e, most_e)) for place_e in (*places_e, most_e)]
+        places_e = [share * camera.sensor.saturation_e for share, _ in camera.sensor.photon_transfer]
+        reached = [camera.sensor.variance_factor(min(place_e, most_e)) for place_e in (*places_e, most_e)]
         farthest = max(abs(math.sqrt(factor) - 1) for factor in reached)
         return within_range_dn(camera, farthest * math.sqrt(most_e))
 
@@ -100,19 +105,19 @@ class ShotNoise(SensorStage):
     name = "shot noise"
     draws = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         camera, bend = at.camera, variance_factor(signal, at.camera)
         if at.law == "exact":
             counts = rng.poisson(signal, at.seeds)
         elif at.normal is None:
             return signal
         elif at.law == "merged":
-            drawn = noisy_electrons(signal, camera.read_noise_e, at.normal, bend)
+            drawn = noisy_electrons(signal, camera.sensor.read_noise_e, at.normal, bend)
             full = signal >= nearly_full_e(camera)
             if at.read is None or not bool(full.any()):
                 return drawn
-            charge = noisy_electrons(signal, 0.0, at.normal, bend).clamp(0.0, camera.well_limit_e)
-            return torch.where(full, charge + camera.read_noise_e * at.read, drawn)
+            charge = noisy_electrons(signal, 0.0, at.normal, bend).clamp(0.0, camera.sensor.well_limit_e)
+            return torch.where(full, charge + camera.sensor.read_noise_e * at.read, drawn)
         elif at.law == "apart":
             return noisy_electrons(signal, 0.0, at.normal, bend).clamp(min=0.0)
         else:
@@ -123,7 +128,7 @@ class ShotNoise(SensorStage):
         return within_range_dn(at.camera, math.sqrt(signal_bound_e(at) + at.dark_e))
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        if camera.read_noise_e >= MERGE_READ_NOISE_E:
+        if camera.sensor.read_noise_e >= MERGE_READ_NOISE_E:
             return "one corrected normal draw, with read noise"
         return "Poisson counts of one normal value per pixel: inversion below 10 e-, corrected normal above"
 
@@ -134,8 +139,8 @@ class FullWell(SensorStage):
     name = "full well"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        return signal if at.law == "merged" else signal.clamp(max=at.camera.well_limit_e)
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
+        return signal if at.law == "merged" else signal.clamp(max=at.camera.sensor.well_limit_e)
 
 
 class ReadNoise(SensorStage):
@@ -145,21 +150,21 @@ class ReadNoise(SensorStage):
     draws = True
     figures = ("read_noise_e",)
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         if at.read is None or at.law == "merged":
             return signal
-        return signal + at.camera.read_noise_e * at.read
+        return signal + at.camera.sensor.read_noise_e * at.read
 
     def bound_dn(self, at: Resolved[float]) -> float:
-        return within_range_dn(at.camera, at.camera.read_noise_e)
+        return within_range_dn(at.camera, at.camera.sensor.read_noise_e)
 
     def dither_dn(self, at: Resolved[float]) -> float:
-        return at.camera.system_gain_dn_per_e * at.camera.read_noise_e
+        return at.camera.sensor.system_gain_dn_per_e * at.camera.sensor.read_noise_e
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        merged = camera.read_noise_e >= MERGE_READ_NOISE_E and noisy
+        merged = camera.sensor.read_noise_e >= MERGE_READ_NOISE_E and noisy
         drawn = "in the draw of shot noise" if merged else "a normal draw of its own"
-        return f"{drawn}; measured at gains" if camera.gains else drawn
+        return f"{drawn}; measured at gains" if camera.sensor.gains else drawn
 
 
 class SharedNoise(SensorStage):
@@ -185,10 +190,10 @@ class SharedNoise(SensorStage):
     def size_e(self, camera: Camera) -> float:
         """Its deviation, e- rms."""
         (figure,) = self.figures
-        unit = camera.system_gain_dn_per_e if figure.endswith("_dn") else 1.0
-        return float(getattr(camera, figure)) / unit
+        unit = camera.sensor.system_gain_dn_per_e if figure.endswith("_dn") else 1.0
+        return float(camera.figure(figure)) / unit
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         values = at.shared.get(self.name)
         return signal if values is None else signal + self.size_e(at.camera) * values
 
@@ -204,11 +209,11 @@ class Dsnu(SensorStage):
     figures = DSNU_FIGURES
     spreads = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal if at.offset_e is None else signal + at.offset_e
 
     def bound_dn(self, at: Resolved[float]) -> float:
-        return within_range_dn(at.camera, at.camera.dsnu_total_e)
+        return within_range_dn(at.camera, at.camera.sensor.dsnu_total_e)
 
 
 class Gain(SensorStage):
@@ -217,8 +222,8 @@ class Gain(SensorStage):
     name = "gain"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        return signal * at.camera.system_gain_dn_per_e + at.camera.black_level_dn
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
+        return signal * at.camera.sensor.system_gain_dn_per_e + at.camera.sensor.black_level_dn
 
 
 class Quantisation(SensorStage):
@@ -228,7 +233,7 @@ class Quantisation(SensorStage):
     modelled = "rounding: the result is digital numbers"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal + (torch.round(signal) - signal).detach() if at.quantised else signal
 
     def bound_dn(self, at: Resolved[float]) -> float:
@@ -241,8 +246,8 @@ class Limits(SensorStage):
     name = "limits"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        return signal.clamp(0.0, at.camera.full_scale_dn)
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
+        return signal.clamp(0.0, at.camera.sensor.full_scale_dn)
 
 
 SPECTRAL_INTEGRATION, PRNU, DARK_CURRENT = SpectralIntegration(), Prnu(), DarkCurrent()
@@ -277,7 +282,7 @@ def active(camera: Camera, without: frozenset[str] = frozenset(), *, noisy: bool
     """The stages that do something in this camera and are not left out, in order; of noise only if ``noisy``."""
     asked = [stage for stage in STAGES if stage.name not in without and (noisy or not stage.draws)]
     return [
-        stage for stage in asked if not stage.figures or any(getattr(camera, name) for name in stage.figures)
+        stage for stage in asked if not stage.figures or any(camera.figure(name) for name in stage.figures)
     ]
 
 
@@ -303,18 +308,18 @@ def noisy_electrons(
 
 def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
     """:meth:`blurnoise.Camera.variance_factor` of mean charges; None where the camera states no photon transfer."""
-    if not camera.photon_transfer:
+    if not camera.sensor.photon_transfer:
         return None
-    shares, factors = np.array(camera.photon_transfer).T
+    shares, factors = np.array(camera.sensor.photon_transfer).T
     slopes = np.diff(factors) / np.diff(shares)
-    share = charge_e / camera.saturation_e
+    share = charge_e / camera.sensor.saturation_e
     found = torch.full_like(share, factors[0])
     for place, change in zip(shares.tolist(), np.diff(slopes, prepend=0.0, append=0.0).tolist(), strict=True):
         found = found + change * (share - place).clamp(min=0.0)  # straight lines, level beyond the ends
     return found.clamp(min=1e-6)  # for the derivative of its root
 
 
-def offsets_e(at: Frames) -> Tensor | None:
+def offsets_e(at: ReadoutFields) -> Tensor | None:
     """All offsets behind the full well together, electrons: DSNU and the noise that pixels share; None: none."""
     shared = [
         each.size_e(at.camera) * at.shared[each.name] for each in SHARED_NOISES if each.name in at.shared
@@ -325,7 +330,10 @@ def offsets_e(at: Frames) -> Tensor | None:
 
 def nearly_full_e(camera: Camera) -> float:
     """Mean electrons from which on the full well may clip: below, it is six deviations of shot noise away."""
-    well_e, most = camera.well_limit_e, max((factor for _, factor in camera.photon_transfer), default=1.0)
+    well_e, most = (
+        camera.sensor.well_limit_e,
+        max((factor for _, factor in camera.sensor.photon_transfer), default=1.0),
+    )
     return well_e if math.isinf(well_e) else well_e - 6 * math.sqrt(well_e * most)
 
 
@@ -336,11 +344,11 @@ def _flat_curve_error(camera: Camera, illuminant: str | Curve) -> float:
     def mean(curve: Spectrum) -> float:
         return sum(curve.values) / len(curve.values) if isinstance(curve, Curve) else curve
 
-    curves = camera.quantum_efficiency
+    curves = camera.sensor.quantum_efficiency
     if isinstance(curves, FilterCurves):
         even: float | FilterCurves = FilterCurves(**{name: mean(curve) for name, curve in curves.stated()})
     else:
         even = mean(curves)
-    flat = electrons_per_lux_s(replace(camera, quantum_efficiency=even), illuminant)
+    flat = electrons_per_lux_s(camera.with_figures(quantum_efficiency=even), illuminant)
     exact = electrons_per_lux_s(camera, illuminant)
     return abs(flat - exact) / exact if exact > 0 else 0.0

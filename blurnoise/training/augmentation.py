@@ -24,8 +24,8 @@ from blurnoise._core.checks import (
     one_of,
     shown,
 )
+from blurnoise.camera.colour import PictureTone, picture_tone
 from blurnoise.light import effects
-from blurnoise.optics.colour import PictureTone, picture_tone
 from blurnoise.scene.cutting import checked_masks
 from blurnoise.scene.exposure import Exposure
 from blurnoise.sensor.readout import Fidelity

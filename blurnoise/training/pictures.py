@@ -18,8 +18,8 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise._core.checks import image_batch, one_of, shown
 from blurnoise._core.threads import same_bits
+from blurnoise.camera.colour import PictureTone
 from blurnoise.motion.ego import USUAL_VEHICLE
-from blurnoise.optics.colour import PictureTone
 from blurnoise.picture.develop import in_channels
 from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
 from blurnoise.scene.exposure import Exposure
@@ -75,7 +75,8 @@ def expose_pictures(
     if lamp_lights == "targets" and masks is not None and masks.shape[1]:
         lit_by_lamp = masks.amax(1).float()
     lamps = lamp_lights == "all" or lit_by_lamp is not None  # no lamp where there is nothing that it lights
-    options = TakeOptions(fidelity=fidelity, encoding="linear" if encoding == "linear" else "srgb")
+    linear = isinstance(encoding, str) and encoding == "linear"
+    options = TakeOptions(fidelity=fidelity, encoding="linear" if linear else "srgb")
 
     cuts: dict[int, Cut] = {}  # pictures of which a part moves: background and layers, in linear light
     for item, one in enumerate(exposures):
@@ -99,8 +100,8 @@ def expose_pictures(
             lamp_mask=None if lit_by_lamp is None else lit_by_lamp[of],
         )
         together = _together([exposures[item] for item in items], scene, cut=bool(cut), lamps=lamps)
-        developed: Any = take(some, together, options).picture
-        return in_channels(developed, scene.shape[1]).to(image.dtype)
+        picture = take(some, together, options).picture
+        return in_channels(picture, scene.shape[1]).to(image.dtype)
 
     groups: dict[Any, list[int]] = {}
     for item, one in enumerate(exposures):

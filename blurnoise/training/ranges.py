@@ -22,12 +22,12 @@ from torch import Tensor
 
 from blurnoise._core import usual
 from blurnoise._core.checks import DRAWN_FROM, LIMITS, an_instance, dense, limited, one_of, shown
+from blurnoise.camera import Camera
+from blurnoise.camera.captures import windows
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.light.lamp import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import LONGEST_SHAKE, Trajectory, path_duration_s, shake
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import windows
-from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.picture.fusion import amplified, readers
 from blurnoise.scene.exposure import MOVES, Exposure, Moves
 from blurnoise.scene.metering import AutoExposure
@@ -199,7 +199,7 @@ class ExposureRanges(Draws):
         check_vehicle(self.vehicle, drives=self.ego_kmh is not None)
         one_of("lamp_lights", self.lamp_lights, ("all", "targets"))
         for camera, exposure_s in product(cameras, checked["exposure_s"]):
-            windows(camera.captures, exposure_s)
+            windows(camera.sensor.captures, exposure_s)
         warn_of_milliseconds(*checked["exposure_s"])
         if self.ego_kmh is not None and self.blur_px is not None:
             raise ValueError(f"blur_px = {self.blur_px!r}: must be None with ego_kmh, whose blur varies")

@@ -24,8 +24,8 @@ from torch import Tensor
 
 from blurnoise._core.checks import LIMITS, integer, limited, one_of, shown
 from blurnoise._core.files import json_of
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PictureTone, picture_tone
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone, picture_tone
 from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise.training import ranges

@@ -14,29 +14,28 @@ if TYPE_CHECKING:
     from blurnoise_eval import datasets
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.python_models import PythonDetector, TorchvisionDetector
-    from blurnoise_eval.evaluation import Evaluation, evaluate
-    from blurnoise_eval.explorer.run import Run
     from blurnoise_eval.plan.axes import AXES
     from blurnoise_eval.plan.conditions import SweepPlan
     from blurnoise_eval.plan.question import Question
+    from blurnoise_eval.run.evaluation import evaluate
+    from blurnoise_eval.run.run import Run
     from blurnoise_eval.single_picture import expose
 
     STOP_SIGN: Path
 
 __all__ = [
-    "AXES", "STOP_SIGN", "Detector", "Evaluation", "PythonDetector", "Question", "Run", "SweepPlan",
-    "TorchvisionDetector", "datasets", "evaluate", "expose",
+    "AXES", "STOP_SIGN", "Detector", "PythonDetector", "Question", "Run", "SweepPlan", "TorchvisionDetector",
+    "datasets", "evaluate", "expose",
 ]  # fmt: skip
 _FROM = {
     "AXES": "plan.axes",
     "Detector": "detectors.detector",
-    "Evaluation": "evaluation",
     "PythonDetector": "detectors.python_models",
     "Question": "plan.question",
-    "Run": "explorer.run",
+    "Run": "run.run",
     "SweepPlan": "plan.conditions",
     "TorchvisionDetector": "detectors.python_models",
-    "evaluate": "evaluation",
+    "evaluate": "run.evaluation",
     "expose": "single_picture",
 }
 

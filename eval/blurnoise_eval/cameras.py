@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import is_dataclass, replace
+from collections.abc import Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from blurnoise.optics import camera_files
-from blurnoise.optics.camera import PRESETS, Camera
-from blurnoise.optics.colour import FilterCurves
-from blurnoise.optics.lens import Lens
-from blurnoise.optics.radiometry import filter_electrons
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera import PRESETS, Camera, camera_files
+from blurnoise.camera.colour import FilterCurves
+from blurnoise.camera.radiometry import filter_electrons
+from blurnoise.camera.spectra import Curve
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -36,20 +35,20 @@ def find(name_or_file: str) -> Camera:
 
 def behind_one_filter(camera: Camera) -> Camera:
     """The camera as if the strongest filter of its mosaic, under D55, were before every pixel; itself without any."""
-    curves, electrons = camera.quantum_efficiency, filter_electrons(camera)
+    curves, electrons = camera.sensor.quantum_efficiency, filter_electrons(camera)
     if isinstance(curves, FilterCurves):
         curves = curves.of(max(electrons, key=lambda letter: electrons[letter]))
-    return replace(camera, cfa="none", quantum_efficiency=curves, white_balance="auto", ccm=None)
+    return camera.with_figures(cfa="none", quantum_efficiency=curves, white_balance="auto", ccm=None)
 
 
 def derived(camera: Camera) -> dict[str, float]:
     """What follows from a camera's figures: saturation in electrons and DN, threshold, and decibels."""
     return {
-        "saturation_e": camera.saturation_e,
-        "clip_dn": float(camera.clip_dn),
-        "threshold_e": camera.threshold_e,
-        "snr_max_db": camera.snr_max_db,
-        "dynamic_range_db": camera.dynamic_range_db,
+        "saturation_e": camera.sensor.saturation_e,
+        "clip_dn": float(camera.sensor.clip_dn),
+        "threshold_e": camera.sensor.threshold_e,
+        "snr_max_db": camera.sensor.snr_max_db,
+        "dynamic_range_db": camera.sensor.dynamic_range_db,
     }
 
 
@@ -68,15 +67,15 @@ def overview(cameras: list[Camera]) -> Table:
     for camera in cameras:
         table.add_row(
             camera.name,
-            f"{camera.pixel_pitch_um:g}",
-            f"{camera.full_well_e:.0f}",
-            f"{camera.read_noise_e:.2f}",
-            f"{round(camera.system_gain_dn_per_e, 4):.4g}",
-            f"{camera.bit_depth}",
-            f"{camera.width_px}x{camera.height_px}",
-            f"{camera.saturation_e:.0f}",
-            f"{camera.snr_max_db:.1f}",
-            f"{camera.dynamic_range_db:.1f}",
+            f"{camera.sensor.pixel_pitch_um:g}",
+            f"{camera.sensor.full_well_e:.0f}",
+            f"{camera.sensor.read_noise_e:.2f}",
+            f"{round(camera.sensor.system_gain_dn_per_e, 4):.4g}",
+            f"{camera.sensor.bit_depth}",
+            f"{camera.sensor.width_px}x{camera.sensor.height_px}",
+            f"{camera.sensor.saturation_e:.0f}",
+            f"{camera.sensor.snr_max_db:.1f}",
+            f"{camera.sensor.dynamic_range_db:.1f}",
         )
     return table
 
@@ -87,11 +86,11 @@ def figures(camera: Camera) -> Table:
     from rich.table import Table
 
     table = Table("figure", "value", "source", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    for name in camera.to_dict():
+    for name, value in camera_files.flat(camera).items():
         if name != "sources":
-            table.add_row(name, _shown(getattr(camera, name)), camera.sources.get(name, ""))
+            table.add_row(name, _shown(value), camera.sources.get(name, ""))
     table.add_section()
-    table.add_row("gain", camera.gain_law, "follows from the above")
+    table.add_row("gain", camera.sensor.gain_law, "follows from the above")
     for name, value in derived(camera).items():
         table.add_row(name, _shown(value), "follows from the above")
     return table
@@ -107,7 +106,7 @@ def _shown(value: object) -> str:
     if isinstance(value, tuple) and value and all(is_dataclass(row) for row in value):
         rows = [camera_files.plain(row).items() for row in value]
         return "\n".join(", ".join(f"{name} {_shown(each)}" for name, each in row) for row in rows)
-    if isinstance(value, Lens):
+    if isinstance(value, Mapping):
         stated = {name: figure for name, figure in camera_files.plain(value).items() if figure}
         return "\n".join(f"{name}: {figure}" for name, figure in stated.items()) or "the same over the field"
     if not isinstance(value, Curve):

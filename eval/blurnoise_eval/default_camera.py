@@ -5,14 +5,12 @@ The reason for a choice is the source of the camera's name, so a run's manifest 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from torch import Tensor
 
 from blurnoise._core import usual
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PLANES, Cfa, srgb_from_linear
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PLANES, Cfa, srgb_from_linear
 from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
 
 THREE_SENSORS = "imx250"
@@ -33,7 +31,7 @@ def default_camera(*, colour: bool, cfa: Cfa | None = None) -> Camera:
         name, reason = THREE_SENSORS if cfa in PLANES else usual.COLOUR, f"cfa = {cfa}"
     camera = Camera.preset(name)
     sources = {**camera.sources, "name": f"{_DEFAULT}{reason}"}
-    return replace(camera, cfa=cfa or camera.cfa, sources=sources)
+    return camera.with_figures(cfa=cfa or camera.sensor.cfa, sources=sources)
 
 
 def default_for(pictures: PictureSet, cfa: Cfa | None = None) -> Camera:
@@ -68,6 +66,6 @@ def camera_text(camera: Camera, *, colour: bool) -> str | None:
     """
     source = camera.sources.get("name", "")
     reason = source.removeprefix(_DEFAULT) if source.startswith(_DEFAULT) else ""
-    if camera.cfa == "none" and colour:
+    if camera.sensor.cfa == "none" and colour:
         return f"camera: {camera.name}, a sensor for each colour: sees far more light than one with filters (Bayer)"
     return f"camera: {camera.name}, the default for {reason}" if reason else None

@@ -11,8 +11,8 @@ from pathlib import Path
 import kornia.augmentation as kornia
 import pandas
 from blurnoise_eval import datasets
-from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_models.augmentation import InShare, exposures
 from blurnoise_models.export import write_onnx
 from blurnoise_models.scenes import write_coco
@@ -66,7 +66,7 @@ if __name__ == "__main__":
         examples=False,
     )
     pictures = datasets.coco(listing, labels=["stop sign"], keep_empty=True)
-    run = evaluate(networks, pictures, plan=plan, output=options.folder / "run", refine=False)
+    run = evaluate(networks, pictures, plan=plan, output=options.folder / "run", strategy="grid")
     run.report()
     scores = pandas.DataFrame(run.scores)
     scores[["arm", "seed"]] = scores["model"].str.rsplit("-", n=1, expand=True)

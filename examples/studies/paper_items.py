@@ -81,7 +81,7 @@ READ_DX = (0.0, 50.0, 100.0, 200.0, 350.0, 500.0)
 def table_2(measurements: Measurements) -> Parts:
     """Motion blur of road users, row by row."""
     camera = Camera.preset(CAMERA)
-    optics: Any = {"width_px": camera.width_px, "hfov_deg": camera.hfov_deg}
+    optics: Any = {"width_px": camera.sensor.width_px, "hfov_deg": camera.lens.hfov_deg}
     for number, (printed, width, distance, kmh, ms) in enumerate(TABLE_2, 1):
         blur_px = blur_pixels(kmh / 3.6, distance, 1e-3 * ms, target_width_m=width, **optics)
         what = f"row {number}: {width:g} m wide, {distance:g} m away, {kmh:g} km/h, {ms:g} ms"
@@ -92,7 +92,7 @@ def table_2(measurements: Measurements) -> Parts:
 def quanta(measurements: Measurements) -> Parts:
     """Quanta of white light: the camera's electrons times the sensitivity by which the tool multiplies."""
     camera = Camera.preset(CAMERA)
-    white = photoelectrons(camera, 50.0, 0.030) * camera.system_gain_dn_per_e
+    white = photoelectrons(camera, 50.0, 0.030) * camera.sensor.system_gain_dn_per_e
     expected, ends = f"{QUANTA:.1f} (its tool)", (0.999 * QUANTA, 1.001 * QUANTA)
     yield within("white at 50 lux, 30 ms", expected, white, *ends, "quanta", ".1f")
 

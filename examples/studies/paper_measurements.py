@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,9 +25,9 @@ from blurnoise_eval import SweepPlan, datasets, evaluate
 from blurnoise_eval.measure.charts import measure
 
 from blurnoise import Camera, charts, simulate
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.metrics.edge.measurement import Flag, slanted_edge
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.colour import srgb_from_linear
 
 CHAINS = ("paper", "camera")
 CAMERA = "lin2024"
@@ -125,7 +125,7 @@ class Measurements:
                 camera_of(str(grid.chain), grid.camera),
                 grid.plan(repeats),
                 output=folder,
-                refine=False,
+                strategy="grid",
                 progress=False,
             )
             for row in run.targets:
@@ -153,7 +153,7 @@ def clips_from_ms(lux: float) -> float:
         middle = (low * high) ** 0.5
         light: Any = {"exposure_s": 1e-3 * middle, "illuminance_lux": lux}
         dn = simulate(edge, camera, **light, encoding="linear", generator=[0])
-        clipped = Flag.CLIPPED in slanted_edge(dn[0], full_scale=camera.saturated_dn).flags
+        clipped = Flag.CLIPPED in slanted_edge(dn[0], full_scale=camera.sensor.saturated_dn).flags
         low, high = (low, middle) if clipped else (middle, high)
     return high
 
@@ -161,7 +161,7 @@ def clips_from_ms(lux: float) -> float:
 def camera_of(chain: str, name: str = CAMERA) -> Camera:
     """The preset as the chain has it."""
     camera = Camera.preset(name)
-    return replace(camera, cfa="mono", tone=((0.0, 0.0), (1.0, 1.0))) if chain == "paper" else camera
+    return camera.with_figures(cfa="mono", tone=((0.0, 0.0), (1.0, 1.0))) if chain == "paper" else camera
 
 
 def signs(chain: str, sizes_px: tuple[int, ...], *, read: bool) -> datasets.PictureSet:

@@ -1,7 +1,6 @@
 """Cameras of one's own: files that come back as they went, and one clear complaint for every bad one."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,8 +8,8 @@ import yaml
 
 import blurnoise
 from blurnoise import Camera, Curve
-from blurnoise.optics.camera import PRESETS
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera import PRESETS
+from blurnoise.camera.radiometry import electrons_per_lux_s
 
 IMX250 = PRESETS["imx250"]
 OWN = {
@@ -31,7 +30,7 @@ def written(path, values):
 
 
 def test_every_file_of_the_package_is_a_preset():
-    files = Path(blurnoise.__file__).parent.joinpath("optics", "data", "cameras").glob("*.yaml")
+    files = Path(blurnoise.__file__).parent.joinpath("camera", "data", "cameras").glob("*.yaml")
     assert sorted(PRESETS) == sorted(file.stem for file in files)
 
 
@@ -51,7 +50,7 @@ def test_files_bring_every_preset_back(tmp_path, name, suffix):
 def test_own_camera_says_where_its_figures_are_from(tmp_path):
     own = OWN | {"sources": {"read_noise_e": "measured by me"}}
     camera = Camera.load(written(tmp_path / "own.yaml", own))
-    assert (camera.full_well_e, camera.bit_depth) == (10000.0, 12)
+    assert (camera.sensor.full_well_e, camera.sensor.bit_depth) == (10000.0, 12)
     assert camera.sources["read_noise_e"] == "measured by me"
     assert camera.sources["full_well_e"] == "from own.yaml"
     assert camera.sources["bit_depth"].startswith("assumed")
@@ -61,7 +60,7 @@ def test_own_camera_says_where_its_figures_are_from(tmp_path):
 def test_base_gives_the_rest(tmp_path):
     stated = {"base": "imx250", "read_noise_e": 5.0, "f_number": 2.8, "sources": {"f_number": "my lens"}}
     camera = Camera.load(written(tmp_path / "mine.yaml", stated))
-    assert camera == replace(IMX250, name="mine", read_noise_e=5.0, f_number=2.8)
+    assert camera == IMX250.with_figures(name="mine", read_noise_e=5.0, f_number=2.8)
     changed = {"read_noise_e": "from mine.yaml", "f_number": "my lens"}
     assert dict(camera.sources) == {**IMX250.sources, **changed}
     assert Camera.from_dict({"base": "imx250"}) == IMX250
@@ -74,7 +73,7 @@ def test_quantum_efficiency_from_csv(tmp_path, column, values):
     stated = {"csv": "curves/qe.csv"} | ({} if column is None else {"column": column})
     path = written(tmp_path / "mine.yaml", {"base": "imx250", "quantum_efficiency": stated})
     camera = Camera.load(path)
-    assert camera.quantum_efficiency == Curve((400.0, 700.0), values)
+    assert camera.sensor.quantum_efficiency == Curve((400.0, 700.0), values)
     assert camera.sources["quantum_efficiency"] == "from mine.yaml"
 
 
@@ -129,7 +128,7 @@ def test_bad_fields_are_named(tmp_path):
 
 def test_diffraction_is_of_the_wavelength_at_the_f_number():
     """A green f/2.8 on 3.45 um has lambda N = 0.446 px; by default the lens has none."""
-    camera = replace(IMX250, f_number=2.8, diffraction_wavelength_um=0.55, defocus_radius_px=0.7)
+    camera = IMX250.with_figures(f_number=2.8, diffraction_wavelength_um=0.55, defocus_radius_px=0.7)
     assert camera.optics.diffraction_lambda_n_px == pytest.approx(0.4464, abs=5e-5)
     assert camera.optics.defocus_radius_px == 0.7
     assert all(each.optics.diffraction_lambda_n_px == 0.0 for each in PRESETS.values())
@@ -171,8 +170,8 @@ def test_decibels_of_the_data_sheets():
     """EMVA 1288: the maximum SNR comes back; the dynamic range to the rounding noise, which K adds here."""
     for name, snr_db, range_db in (("imx250", 40.3, 71.2), ("imx249", 45.1, 73.0), ("mt9m034", 37.7, 63.4)):
         camera = PRESETS[name]
-        assert camera.snr_max_db == pytest.approx(snr_db, abs=0.005)
-        assert 0.0 < range_db - camera.dynamic_range_db < 0.5
+        assert camera.sensor.snr_max_db == pytest.approx(snr_db, abs=0.005)
+        assert 0.0 < range_db - camera.sensor.dynamic_range_db < 0.5
 
 
 def test_a_curve_that_begins_at_470_nm_says_so():

@@ -1,7 +1,6 @@
 """Analytic moments against frames, step by step."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import stage_moments
@@ -11,12 +10,11 @@ from stage_moments import Moments
 
 from blurnoise import Camera
 from blurnoise._core import rng
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 from blurnoise.sensor import stages
-from blurnoise.sensor.stage import Frames
+from blurnoise.sensor.stage import ReadoutFields
 
-BASE = replace(
-    Camera.preset("imx250"),
+BASE = Camera.preset("imx250").with_figures(
     name="bench",
     quantum_efficiency=0.5,
     full_well_e=9000.0,
@@ -32,7 +30,7 @@ PIXELS = 200_000
 
 def frames(camera, mean_photons, **options):
     photons = torch.full((1, 1, 1, PIXELS), mean_photons, dtype=torch.float64)
-    pattern = camera.fixed_pattern((1, 1, PIXELS), seed=3)
+    pattern = camera.sensor.fixed_pattern((1, 1, PIXELS), seed=3)
     given = {"exposure_s": 0.1, "temperature_c": 36.0, "generator": [5], "fixed_pattern": pattern}
     return from_photons(photons, camera, **given, **options)
 
@@ -49,7 +47,7 @@ def check(dn, law):
 def expected(camera, mean_photons):
     """After rounding: var_y = K^2 (read^2 + dark + photo) + 1/12 DN^2 (EMVA 1288 eq. 13)."""
     one = torch.ones(1, dtype=torch.float64)
-    at = Conditions(camera, one * 0.1, one * 36.0, white_e=one * mean_photons * 0.5)
+    at = Resolved(camera, one * 0.1, one * 36.0, white_e=one * mean_photons * 0.5)
     moments = Moments(one, 0 * one, 0 * one)
     for stage in stages.STAGES:
         moments = stage_moments.after(stage, moments, at)
@@ -60,7 +58,7 @@ def expected(camera, mean_photons):
 @pytest.mark.parametrize("mean_photons", [0.0, 3.0, 60.0, 1000.0, 9000.0])
 @pytest.mark.parametrize("read_noise_e", [4.0, 2.0])
 def test_frame_moments(mean_photons, read_noise_e, fidelity):
-    camera = replace(BASE, read_noise_e=read_noise_e)
+    camera = BASE.with_figures(read_noise_e=read_noise_e)
     check(frames(camera, mean_photons, fidelity=fidelity), expected(camera, mean_photons))
 
 
@@ -69,7 +67,7 @@ def test_frame_moments(mean_photons, read_noise_e, fidelity):
     [("system_gain_dn_per_e", 9000.0), ("prnu", 9000.0), ("dark_current_e_s", 0.0), ("dsnu_e", 0.0)],
 )
 def test_a_tenth_off_would_be_noticed(figure, photons):
-    wrong = replace(BASE, **{figure: 1.1 * getattr(BASE, figure)})
+    wrong = BASE.with_figures(**{figure: 1.1 * BASE.figure(figure)})
     with pytest.raises(AssertionError):
         check(frames(BASE, photons), expected(wrong, photons))
 
@@ -85,10 +83,12 @@ def test_every_stage_does_what_its_moments_say(mean_photo_e, law):
     like = torch.empty(shape, dtype=torch.float64)
     names = ("normal", "read", "prnu", "dsnu")
     fields = {name: rng.standard_normal([seed], like, name) for seed, name in enumerate(names)}
-    point = Conditions(BASE, one * 0.1, one * 36.0, white_e=one * mean_photo_e)
+    point = Resolved(BASE, one * 0.1, one * 36.0, white_e=one * mean_photo_e)
     gain, offset_e = 1 + BASE.prnu * fields["prnu"], BASE.dsnu_e * fields["dsnu"]
     noises = {name: fields[name] for name in NOISES[law]}
-    at = Frames(BASE, law, one * mean_photo_e, point.dark_e, [7], gain=gain, offset_e=offset_e, **noises)
+    at = ReadoutFields(
+        BASE, law, one * mean_photo_e, point.dark_e, [7], gain=gain, offset_e=offset_e, **noises
+    )
     signal, moments = torch.ones(shape, dtype=torch.float64), Moments(one, 0 * one, 0 * one)
     for stage in stages.STAGES:
         moments, signal = stage_moments.after(stage, moments, point), stage.apply(signal, at)

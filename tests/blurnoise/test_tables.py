@@ -8,17 +8,16 @@ import torch
 from kornia.augmentation import AugmentationSequential
 from made_up import ColumnNoise, Pedestal, Shift, Veil
 
-from blurnoise import Camera, ExposedScene, Exposure, RandomExposure, photoelectrons, plan, simulate
+from blurnoise import Camera, Exposure, RandomExposure, Scene, photoelectrons, plan, simulate, take_each
 from blurnoise._core import threads
+from blurnoise.camera.sensor import DARK_NOISE
 from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
-from blurnoise.optics.camera import DARK_NOISE
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.sensor import readout, stages
 from blurnoise.sensor.readout import read_out
 
-CAMERA = replace(
-    Camera.preset("imx250"),
+CAMERA = Camera.preset("imx250").with_figures(
     prnu=0.02,
     dsnu_e=3.0,
     dark_current_e_s=400.0,
@@ -40,9 +39,9 @@ def mean_frame(**options):
 def test_a_new_light_effect_is_one_entry(monkeypatch, fidelity):
     before = mean_frame(fidelity=fidelity)
     monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Veil(0.1)))
-    white_dn = CAMERA.system_gain_dn_per_e * 0.1 * photo_e()
-    unclipped = before + 1.05 * white_dn < CAMERA.clip_dn
-    pattern = CAMERA.fixed_pattern(tuple(before.shape[1:]), 0)[0]
+    white_dn = CAMERA.sensor.system_gain_dn_per_e * 0.1 * photo_e()
+    unclipped = before + 1.05 * white_dn < CAMERA.sensor.clip_dn
+    pattern = CAMERA.sensor.fixed_pattern(tuple(before.shape[1:]), 0)[0]
     after = mean_frame(fidelity=fidelity)
     torch.testing.assert_close(
         (after - before)[unclipped], (white_dn * pattern[None])[unclipped], rtol=1e-3, atol=2e-3
@@ -64,8 +63,8 @@ def test_a_new_sensor_stage_is_one_entry(monkeypatch, fidelity, place):
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], Pedestal(500.0), *stages.STAGES[place:]))
     assert not readout.supports(stages.active(CAMERA))
     after = mean_frame(fidelity=fidelity, quantised=True)
-    dn = 500 * CAMERA.system_gain_dn_per_e
-    unclipped = before + dn < CAMERA.clip_dn
+    dn = 500 * CAMERA.sensor.system_gain_dn_per_e
+    unclipped = before + dn < CAMERA.sensor.clip_dn
     assert float(((after - before)[unclipped] - dn).abs().max()) <= 1
     told = {each.name: each for each in plan(CAMERA, **CONDITIONS).stages}
     assert told["pedestal"].contribution_dn == pytest.approx(dn)
@@ -80,14 +79,14 @@ def test_the_reference_in_pieces_is_that_of_whole_pictures(monkeypatch, fidelity
         def apply(self, signal, at):
             return torch.roll(signal, 7, -2)
 
-    camera = replace(CAMERA, full_well_e=full_well_e)
+    camera = CAMERA.with_figures(full_well_e=full_well_e)
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], Rolled(), *stages.STAGES[place:]))
     monkeypatch.setattr(threads, "WORTH_IT", 1)  # the pieces of so small a picture are shared by threads, too
     given: dict[str, Any] = {"white_e": [4000.0, 9000.0], "exposure_s": 0.01, "temperature_c": 25.0}
     given |= {
         "generator": [1, 2],
         "fidelity": fidelity,
-        "fixed_pattern": camera.fixed_pattern((3, 41, 67), 1),
+        "fixed_pattern": camera.sensor.fixed_pattern((3, 41, 67), 1),
     }
     frames = []
     for values in (1 << 30, 3 * 67 * 5, 1):
@@ -112,16 +111,15 @@ def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch):
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(40.0), *stages.STAGES[6:]))
     coded = (picture()[0].permute(1, 2, 0) * 255).round().byte().numpy()
     at = [Exposure(CAMERA, 0.004, lux, (900.0, -300.0), seed=5) for lux in (20.0, 60.0)]
-    at.append(Exposure(replace(CAMERA, f_number=4.0), 0.004, 60.0, (900.0, -300.0), 45.0, 6.0, seed=6))
+    at.append(Exposure(CAMERA.with_figures(f_number=4.0), 0.004, 60.0, (900.0, -300.0), 45.0, 6.0, seed=6))
     at.append(replace(at[-1], gain_db=27.0))  # 24 dB of it analogue
-    for exposure, frame in zip(at, ExposedScene.of_picture(coded).frames(at), strict=True):
+    for exposure, frame in zip(at, take_each(Scene.of_picture(coded), at), strict=True):
         camera, digital_db = exposure.camera.at_gain(exposure.gain_db)
         names = ("exposure_s", "illuminance_lux", "velocity_px_s", "temperature_c")
         given = {name: getattr(exposure, name) for name in names} | {"generator": [exposure.seed]}
         light = torch.from_numpy(coded).permute(2, 0, 1)[None] / 255
         dn = simulate(light, camera, **given, tolerance_dn=0.1 / 10 ** (digital_db / 20))
-        expected = develop_8bit(dn, camera, digital_db)[0].permute(1, 2, 0)
-        assert torch.equal(torch.from_numpy(frame.picture), expected)
+        assert torch.equal(frame.eight_bit, develop_8bit(dn, camera, digital_db))
         moved = exposure.move_boxes(torch.tensor([[1.0, 2.0, 3.0, 4.0]]))
         assert moved.tolist() == [[21.0, 12.0, 23.0, 14.0]]
 
@@ -143,12 +141,16 @@ def test_the_fast_route_is_the_reference_stage_by_stage(alone, read_noise_e, noi
 
     The well beyond the converter, and cutting a third of the brighter picture.
     """
-    figures = {figure for stage in stages.STAGES for figure in stage.figures if getattr(CAMERA, figure) != ()}
-    busy = replace(CAMERA, read_noise_e=read_noise_e)
+    figures = {figure for stage in stages.STAGES for figure in stage.figures if CAMERA.figure(figure) != ()}
+    busy = CAMERA.with_figures(read_noise_e=read_noise_e)
     kept = {name: 0.0 for name in figures if alone is not None and name not in alone}
-    camera = replace(busy, **kept, full_well_e=full_well_e)
+    camera = busy.with_figures(**kept, full_well_e=full_well_e)
     light = torch.rand(2, 3, 61, 47, generator=torch.Generator().manual_seed(1)) * 1.1 - 0.05
-    pattern = camera.fixed_pattern(tuple(light.shape[1:]), 3) if camera.prnu or camera.dsnu_e else None
+    pattern = (
+        camera.sensor.fixed_pattern(tuple(light.shape[1:]), 3)
+        if camera.sensor.prnu or camera.sensor.dsnu_e
+        else None
+    )
     given: dict[str, Any] = {"white_e": [300.0, 7000.0], "exposure_s": 0.02, "temperature_c": 30.0}
     given |= {"generator": [5, 6], "fixed_pattern": pattern, "noise": noise}
     assert readout.supports(stages.active(camera))
@@ -174,9 +176,9 @@ def test_every_noise_of_the_dark_counts_in_threshold_and_range():
     """A stage that draws has its figures in the camera's sum, which doubles with them."""
     drawn = {figure for stage in stages.STAGES if stage.draws for figure in stage.figures}
     assert drawn - {"black_level_drift_dn", "photon_transfer"} == set(DARK_NOISE)  # of frames; of light
-    noisier = replace(CAMERA, **{name: 2 * getattr(CAMERA, name) for name in DARK_NOISE})
-    assert noisier.dark_noise_e == pytest.approx(2 * CAMERA.dark_noise_e)
-    assert noisier.threshold_e > 1.7 * CAMERA.threshold_e
+    noisier = CAMERA.with_figures(**{name: 2 * CAMERA.figure(name) for name in DARK_NOISE})
+    assert noisier.sensor.dark_noise_e == pytest.approx(2 * CAMERA.sensor.dark_noise_e)
+    assert noisier.sensor.threshold_e > 1.7 * CAMERA.sensor.threshold_e
 
 
 def test_boxes_of_the_augmentation_move_with_the_picture(monkeypatch):
@@ -191,12 +193,12 @@ def test_boxes_of_the_augmentation_move_with_the_picture(monkeypatch):
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
 def test_a_new_noise_is_drawn_where_no_other_is(monkeypatch, fidelity):
     """In the dark of a camera without read noise: 20 e- of columns, their deviation known to 5 / sqrt(2 n)."""
-    quiet = replace(Camera.preset("imx250"), read_noise_e=0.0, black_level_dn=100.0)
+    quiet = Camera.preset("imx250").with_figures(read_noise_e=0.0, black_level_dn=100.0)
     place = stages.STAGES.index(stages.GAIN)
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], ColumnNoise(20.0), *stages.STAGES[place:]))
     dark = torch.zeros(1, 1, 2, 4000)
     dn = simulate(dark, quiet, exposure_s=0.01, illuminance_lux=0.0, generator=[3], fidelity=fidelity)
-    expected = 20 * quiet.system_gain_dn_per_e
+    expected = 20 * quiet.sensor.system_gain_dn_per_e
     assert float(dn[..., 0, :].std()) == pytest.approx(expected, rel=5 / (2 * 4000) ** 0.5)
     assert torch.equal(dn[..., 0, :], dn[..., 1, :])
     mean = simulate(dark, quiet, exposure_s=0.01, illuminance_lux=0.0, fidelity=fidelity, noise=False)

@@ -7,9 +7,9 @@ import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.default_camera import camera_text, default_camera, in_colour, is_grey
-from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.plan.axes import AUTOMATIC, AXES
 from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.store.store import Store, StoreError
 from signs_in_memory import matched_detector
 
@@ -68,7 +68,7 @@ def test_a_run_of_another_camera_is_not_resumed(tmp_path):
     again = evaluate(model, pictures, "imx250", PLAN, output=tmp_path / "run")
     assert again.outcome is not None
     assert again.outcome.resumed == 2
-    brighter = replace(Camera.preset("imx250"), f_number=1.2)
+    brighter = Camera.preset("imx250").with_figures(f_number=1.2)
     with pytest.raises(StoreError, match=r"another camera\.f_number \("):
         evaluate(model, pictures, brighter, PLAN, output=tmp_path / "run")
 

@@ -18,7 +18,7 @@ LONG = {
     "blurnoise train": "under an hour; tests/models has a short one",
     "blurnoise sweep --model ppocr-find": "a minute; tests/eval/detectors/test_ocr_spotter.py has it",
     "blurnoise explore": "serves a page for as long as it is wanted; tests/eval/explorer has it",
-    "blurnoise quality": "minutes; tests/eval/measure has it",
+    "blurnoise measure -o": "minutes; tests/eval/measure has it",
 }
 SUBSTITUTES = (
     ("--engine ray --plan cluster.yaml", "--engine processes"),  # tests/eval/sweep has Ray's

@@ -16,8 +16,8 @@ import torch
 from closed_edges import closed_edge, closed_mtf50
 from torch.nn.functional import conv2d, pad
 
+from blurnoise.camera.colour import linear_from_srgb, srgb_from_linear
 from blurnoise.metrics import Flag, slanted_edge
-from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
 
 
 @dataclass(frozen=True)

@@ -146,11 +146,8 @@ def of_runs():
     """Cell ids, rows, headers and answers of small runs."""
     from dataclasses import replace
 
-    from blurnoise_eval import STOP_SIGN, Detector, SweepPlan, datasets, evaluate
-    from blurnoise_eval.cameras import find
-    from blurnoise_eval.deciding.decision import decided
-    from blurnoise_eval.evaluation import usual_plan
-    from blurnoise_eval.plan.question import Question
+    from blurnoise_eval import STOP_SIGN, SweepPlan, datasets, evaluate
+    from blurnoise_eval.run.evaluation import usual_plan
 
     every = datasets.rendered_signs()
     signs = replace(every, pictures=tuple(every)[:3])
@@ -168,13 +165,13 @@ def of_runs():
             )
             for name, (plan, camera) in plans.items()
         }
-        runs["decide"] = decided(
-            [Detector(STOP_SIGN)],
+        runs["decide"] = evaluate(
+            STOP_SIGN,
             signs,
-            find("imx250c"),
+            "imx250c",
             usual_plan(),
-            Question(),
-            Path(folder, "decide"),
+            output=Path(folder, "decide"),
+            strategy="search",
             progress=False,
         )
         for name, run in runs.items():

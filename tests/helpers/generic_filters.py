@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from blurnoise.optics.colour import FilterCurves
-from blurnoise.optics.spectra import Curve
+from blurnoise.camera.colour import FilterCurves
+from blurnoise.camera.spectra import Curve
 
 _NM = {"red": (600.0, 40.0), "green": (535.0, 40.0), "blue": (460.0, 30.0)}
 

@@ -14,8 +14,8 @@ from contextlib import closing
 from pathlib import Path
 
 from blurnoise_eval.datasets import rendered_signs
-from blurnoise_eval.evaluation import evaluate
-from blurnoise_eval.store import schema
+from blurnoise_eval.plan.axes import NAMES
+from blurnoise_eval.run.evaluation import evaluate
 from plans import plan
 from signs_in_memory import CAMERA
 
@@ -29,7 +29,7 @@ def small_run(folder, model):
     """A run of one rendered picture, eight conditions and a detector."""
     grid = plan((0.002, 0.01), (20.0, 400.0), (0.0, 300.0), gain_db=("auto",))
     signs = rendered_signs((50,), count=1)
-    evaluate(model, signs, CAMERA, grid, output=folder, refine=False, progress=False)
+    evaluate(model, signs, CAMERA, grid, output=folder, strategy="grid", progress=False)
     return folder
 
 
@@ -358,7 +358,7 @@ READ = {
         "question",
         json.dumps(
             {
-                "grid": {name: [float(n) for n in range(1, 900)] for name in schema.CONDITIONS[1:5]},
+                "grid": {name: [float(n) for n in range(1, 900)] for name in NAMES[:4]},
                 "because": [],
             }
         ),

@@ -3,7 +3,7 @@
 import torch
 
 from blurnoise import Layer, expose_layers
-from blurnoise.optics.colour import linear_from_srgb
+from blurnoise.camera.colour import linear_from_srgb
 
 Motion = tuple[float, float]
 STILL = (0.0, 0.0)

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from dataclasses import replace
 
 import made_frames
 import numpy as np
@@ -13,7 +12,7 @@ from blurnoise_models.detector import STOP_SIGN
 from blurnoise_models.scenes import write_coco
 
 from blurnoise import Camera, charts
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 
 SIZE_PX = 128
 PHOTOS = ("photo-0.png", "photo-1.png", "photo-2.png")  # by their names, either half of --part has some
@@ -80,7 +79,7 @@ def _write_labels(folder, names):
 
 
 def _write_camera(folder):
-    replace(Camera.preset("imx250"), dark_current_e_s=10.0).save(folder / "mine.yaml")
+    Camera.preset("imx250").with_figures(dark_current_e_s=10.0).save(folder / "mine.yaml")
     (folder / "qe.csv").write_text("400,0.4\n550,0.6\n700,0.3\n")
     made_frames.save(folder / "frames", made_frames.exposed(made_frames.drawn_camera(1), 1, size=(64, 80)))
     made_frames.write_tuning(folder / "imx219.json")

@@ -8,6 +8,8 @@ import torch
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from blurnoise import Camera
+from blurnoise.camera.lens import Lens
+from blurnoise.camera.sensor import Sensor
 from blurnoise.sensor.readout import read_out
 
 LONGEST_S = 0.1
@@ -21,30 +23,31 @@ def drawn_camera(seed):
     black = math.ceil(6 * gain * read_e + random.uniform(0, 20)) + float(random.choice([0, 0.3, 0.5]))
     range_e = (2**bits - 1 - black) / gain
     return Camera(
-        name=f"drawn from {seed}",
-        pixel_pitch_um=3.0,
-        f_number=2.0,
-        transmission=1.0,
-        quantum_efficiency=0.6,
-        full_well_e=max(50.0, min(range_e * random.uniform(0.8, 1.3), 3e5)),
-        system_gain_dn_per_e=gain,
-        read_noise_e=read_e,
-        dark_current_e_s=10 ** random.uniform(-1, 2.5),
-        prnu=random.uniform(0.002, 0.02),
-        dsnu_e=read_e * random.uniform(0.1, 1.0),
-        black_level_dn=black,
-        bit_depth=bits,
+        f"drawn from {seed}",
+        Lens(f_number=2.0, transmission=1.0),
+        Sensor(
+            pixel_pitch_um=3.0,
+            quantum_efficiency=0.6,
+            full_well_e=max(50.0, min(range_e * random.uniform(0.8, 1.3), 3e5)),
+            system_gain_dn_per_e=gain,
+            read_noise_e=read_e,
+            dark_current_e_s=10 ** random.uniform(-1, 2.5),
+            prnu=random.uniform(0.002, 0.02),
+            dsnu_e=read_e * random.uniform(0.1, 1.0),
+            black_level_dn=black,
+            bit_depth=bits,
+        ),
     )
 
 
 def from_photons(photons, camera, **taken):
     """Digital numbers of mean photons per pixel, (B, C, H, W)."""
-    return read_out(photons, camera, white_e=camera.quantum_efficiency, **taken)
+    return read_out(photons, camera, white_e=camera.sensor.quantum_efficiency, **taken)
 
 
 def exposed(camera, seed, *, size, levels=8, frames=2, top=0.9):
     """Planes (H, W) uint16 by (kind, exposure_s), the brightest flat ones at ``top`` of saturation."""
-    pattern = camera.fixed_pattern((1, *size), seed)
+    pattern = camera.sensor.fixed_pattern((1, *size), seed)
     generator = torch.Generator().manual_seed(seed)
     found = {}
     for exposure_s in np.linspace(LONGEST_S / levels, LONGEST_S, levels):
@@ -54,7 +57,7 @@ def exposed(camera, seed, *, size, levels=8, frames=2, top=0.9):
                 torch.full((frames, 1, *size), photons),
                 camera,
                 exposure_s=float(exposure_s),
-                temperature_c=camera.dark_reference_c,
+                temperature_c=camera.sensor.dark_reference_c,
                 fixed_pattern=pattern,
                 generator=generator,
             )
@@ -64,7 +67,7 @@ def exposed(camera, seed, *, size, levels=8, frames=2, top=0.9):
 
 def photons_s(camera, top=0.9):
     """Photons per pixel and second of the flat light."""
-    return top * camera.saturation_e / float(camera.quantum_efficiency) / LONGEST_S
+    return top * camera.sensor.saturation_e / float(camera.sensor.quantum_efficiency) / LONGEST_S
 
 
 def save(folder, planes):

@@ -9,7 +9,7 @@ from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_sto
 from blurnoise_eval.run.surface import Predicted
 from made_tables import on_plane
 
-from blurnoise.optics.camera import PRESETS
+from blurnoise.camera import PRESETS
 
 PICTURES = 24
 LIMITS = Limits()

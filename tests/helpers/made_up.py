@@ -57,7 +57,9 @@ class Pedestal(SensorStage):
         return signal + self.electrons
 
     def bound_dn(self, at):
-        return self.electrons * at.camera.system_gain_dn_per_e if math.isfinite(self.electrons) else 0.0
+        return (
+            self.electrons * at.camera.sensor.system_gain_dn_per_e if math.isfinite(self.electrons) else 0.0
+        )
 
 
 class ColumnNoise(SensorStage):
@@ -73,4 +75,4 @@ class ColumnNoise(SensorStage):
         return signal + self.electrons * rng.standard_normal(at.seeds, signal[..., :1, :], self.name)
 
     def bound_dn(self, at):
-        return self.electrons * at.camera.system_gain_dn_per_e
+        return self.electrons * at.camera.sensor.system_gain_dn_per_e

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from onnx import helper, numpy_helper, parser
 
 from blurnoise._core.writing import write_whole
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.charts import stop_sign
-from blurnoise.optics.colour import srgb_from_linear
 
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709, applied to coded values
 STRIDES = (8, 16, 32)  # px, of the output cells that take the smallest, middle and largest sign

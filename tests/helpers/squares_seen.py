@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from blurnoise_eval.datasets import PictureSet, Target, image_folder, write_picture
-from blurnoise_eval.evaluation import evaluate
+from blurnoise_eval.run.evaluation import evaluate
 from plans import plan
 
 SQUARES = {"bright": ((10, 12, 26, 28), 250), "grey": ((50, 30, 74, 54), 150)}
@@ -31,5 +31,5 @@ def squares_run(folder: Path, **how):
     opened = image_folder(folder / "pictures")
     labelled = [type(each)(each.name, targets, each.load, each.identity, each.image_id) for each in opened]
     pictures = PictureSet("folder", opened.source, tuple(labelled))
-    how = {"refine": False, "progress": False, **how}
+    how = {"strategy": "grid", "progress": False, **how}
     return evaluate(sure_of_light, pictures, "imx250", PLAN, output=folder / "run", **how)

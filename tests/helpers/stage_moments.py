@@ -33,8 +33,8 @@ def after(stage, before, at):
 
 
 def _shot_noise(before, at):
-    points = np.array(at.camera.photon_transfer or [(0.0, 1.0)]).T
-    factor = np.interp(before.mean.numpy() / at.camera.saturation_e, *points)
+    points = np.array(at.camera.sensor.photon_transfer or [(0.0, 1.0)]).T
+    factor = np.interp(before.mean.numpy() / at.camera.sensor.saturation_e, *points)
     return before.added(variance=torch.from_numpy(np.asarray(factor)) * before.mean)
 
 
@@ -42,14 +42,14 @@ def _shared(figure):
     """Of a pixel over frames, whoever shares it; those of the black level are given in DN."""
 
     def add(before, at):
-        unit = at.camera.system_gain_dn_per_e if figure == "black_level_drift_dn" else 1.0
-        return before.added(variance=(getattr(at.camera, figure) / unit) ** 2)
+        unit = at.camera.sensor.system_gain_dn_per_e if figure == "black_level_drift_dn" else 1.0
+        return before.added(variance=(at.camera.figure(figure) / unit) ** 2)
 
     return add
 
 
 def _gain(before, at):
-    return before.scaled(at.camera.system_gain_dn_per_e).added(mean=at.camera.black_level_dn)
+    return before.scaled(at.camera.sensor.system_gain_dn_per_e).added(mean=at.camera.sensor.black_level_dn)
 
 
 def _unchanged(before, at):
@@ -59,15 +59,15 @@ def _unchanged(before, at):
 _AFTER = {
     stages.SPECTRAL_INTEGRATION.name: lambda before, at: before.scaled(at.white_e),
     stages.PRNU.name: lambda before, at: before.added(
-        pattern_variance=(at.camera.prnu_total * before.mean) ** 2
+        pattern_variance=(at.camera.sensor.prnu_total * before.mean) ** 2
     ),
     stages.DARK_CURRENT.name: lambda before, at: before.added(mean=at.dark_e),  # its variance is shot noise
     stages.PHOTON_TRANSFER.name: _unchanged,  # in the draw of shot noise
     stages.SHOT_NOISE.name: _shot_noise,
     stages.FULL_WELL.name: _unchanged,
-    stages.READ_NOISE.name: lambda before, at: before.added(variance=at.camera.read_noise_e**2),
+    stages.READ_NOISE.name: lambda before, at: before.added(variance=at.camera.sensor.read_noise_e**2),
     **{stage.name: _shared(stage.figures[0]) for stage in stages.SHARED_NOISES},
-    stages.DSNU.name: lambda before, at: before.added(pattern_variance=at.camera.dsnu_total_e**2),
+    stages.DSNU.name: lambda before, at: before.added(pattern_variance=at.camera.sensor.dsnu_total_e**2),
     stages.GAIN.name: _gain,
     stages.QUANTISATION.name: lambda before, at: before.added(
         variance=1 / 12

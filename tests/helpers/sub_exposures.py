@@ -5,7 +5,7 @@ import math
 import numpy as np
 import torch
 
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 
 
 def moved(plane, x, y):

@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise import Camera, motion_blur
+from blurnoise.camera.colour import linear_from_srgb, srgb_from_linear
+from blurnoise.camera.lens import Lens
+from blurnoise.camera.sensor import Sensor
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import shake
-from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 
 HEIGHT, WIDTH, EXPOSURE_S = 480, 640, 0.01
@@ -32,9 +34,18 @@ ANGLE_DEG = 17.0
 FRAMES = 16
 _MOMENTS = 256
 _GLOBAL = Camera(
-    name="bench", pixel_pitch_um=3.45, f_number=1.4, transmission=1.0, quantum_efficiency=1.0, full_well_e=1e4,
-    system_gain_dn_per_e=0.4, read_noise_e=2.0, black_level_dn=0.0, bit_depth=12, width_px=WIDTH, height_px=HEIGHT,
-)  # fmt: skip
+    "bench",
+    Lens(f_number=1.4, transmission=1.0),
+    Sensor(
+        3.45,
+        1.0,
+        full_well_e=1e4,
+        system_gain_dn_per_e=0.4,
+        read_noise_e=2.0,
+        width_px=WIDTH,
+        height_px=HEIGHT,
+    ),
+)
 _SPEED_M_S = 100.0 / 3.6
 _MARGIN_PX = 36  # of the border, which is not compared
 Picture = NDArray[np.float32]
@@ -131,7 +142,7 @@ def _ours(**moving: Any) -> Contender:
     shown = picture()
 
     def call() -> Tensor:
-        at = Conditions.of(shown, _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
+        at = Resolved.of(shown, _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
         return effects.through(shown, at)
 
     return Contender("blurnoise", call, True)

@@ -23,9 +23,9 @@ import blurnoise
 from blurnoise_eval import datasets
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.plan.conditions import SweepPlan
 from blurnoise_eval.run.engines import ThreadEngine
+from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.system.machine import limited_threads
 
 _EXPOSURES_S = (0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06, 0.09)
@@ -62,7 +62,14 @@ def _cells(detector: Detector, pictures: datasets.PictureSet, plan: SweepPlan, t
         with tempfile.TemporaryDirectory() as folder:
             engine = ThreadEngine(threads)
             evaluate(
-                detector, pictures, "imx250", plan, output=folder, engine=engine, refine=False, progress=False
+                detector,
+                pictures,
+                "imx250",
+                plan,
+                output=folder,
+                engine=engine,
+                strategy="grid",
+                progress=False,
             )
 
     ways = [Contender("bare onnxruntime", bare), Contender("sweep", swept, True)]

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from blurnoise._core.files import read_document
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import FilterCurves
-from blurnoise.optics.lens import Lens, RelativeIllumination
-from blurnoise.optics.radiometry import filter_electrons
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import FilterCurves
+from blurnoise.camera.lens import RelativeIllumination
+from blurnoise.camera.radiometry import filter_electrons
 from blurnoise_eval.calibration.frames import Floats, refuse
 from blurnoise_eval.calibration.light import scaled, tied
 from blurnoise_eval.calibration.to_camera import Known, changed, on_base
@@ -58,7 +58,7 @@ def camera_of_libcamera(path: Path, *, base: str, bit_depth: int | None = None) 
 
 def _levels(of: Algorithms, camera: Camera, file: str) -> Known:
     """Gain, noise and levels."""
-    per_dn = 2.0 ** (16 - camera.bit_depth)
+    per_dn = 2.0 ** (16 - camera.sensor.bit_depth)
     slope, constant = (float(of["rpi.noise"][f"reference_{name}"]) for name in ("slope", "constant"))
     refuse(not slope > 0, f"rpi.noise: reference_slope = {slope:g}: must be > 0")
     black = float(of["rpi.black_level"]["black_level"]) / per_dn
@@ -70,7 +70,7 @@ def _levels(of: Algorithms, camera: Camera, file: str) -> Known:
         ),
         "black_level_dn": (black, f"derived: rpi.black_level of {file}"),
         "full_well_e": (
-            (camera.full_scale_dn - black) / gain,
+            (camera.sensor.full_scale_dn - black) / gain,
             "derived: (full scale - black) / K; the full well may be larger",
         ),
     }
@@ -85,8 +85,8 @@ def _levels(of: Algorithms, camera: Camera, file: str) -> Known:
 
 def _colours(of: Algorithms, camera: Camera, file: str) -> Known:
     """Colour matrix, and filters with the file's red and blue of grey; nothing without a Bayer pattern."""
-    curves = camera.quantum_efficiency
-    if not isinstance(curves, FilterCurves) or not {"R", "G", "B"} <= {*camera.cfa}:
+    curves = camera.sensor.quantum_efficiency
+    if not isinstance(curves, FilterCurves) or not {"R", "G", "B"} <= {*camera.sensor.cfa}:
         return {}
     near = min(of["rpi.ccm"]["ccms"], key=lambda each: abs(each["ct"] - KELVIN))
     rows = np.reshape(near["ccm"], (3, 3))
@@ -109,10 +109,10 @@ def _light(of: Algorithms, camera: Camera, file: str) -> Known:
     if table := of.get("rpi.alsc", {}).get("luminance_lut"):
         curve, off = _radial(1 / np.reshape(table, _TABLE), camera)
         text = f"derived: rpi.alsc of {file}, luminance_lut, by distance from the centre; {off:.1%} RMS beside that"
-        found["lens"] = (Lens(relative_illumination=curve), text)
+        found["lens"] = ({"relative_illumination": curve}, text)
     lit, camera = of["rpi.lux"], changed(camera, found)
     lux_s, gain = lit["reference_lux"] * lit["reference_shutter_speed"] / 1e6, float(lit["reference_gain"])
-    per_dn = 2.0 ** (16 - camera.bit_depth) * camera.system_gain_dn_per_e * gain
+    per_dn = 2.0 ** (16 - camera.sensor.bit_depth) * camera.sensor.system_gain_dn_per_e * gain
     mean_e = (lit["reference_Y"] - of["rpi.black_level"]["black_level"]) / per_dn
     source = (
         f"derived: rpi.lux of {file}, a ColorChecker with mean reflectance {_CHART:g} (assumed, to within a third; "
@@ -124,7 +124,7 @@ def _light(of: Algorithms, camera: Camera, file: str) -> Known:
 def _radial(light: Floats, camera: Camera) -> tuple[RelativeIllumination, float]:
     """A table of light by its distance from the centre, and what it leaves, RMS of the brightest."""
     y, x = (np.arange(side) + 0.5 - side / 2 for side in light.shape)
-    across, down = x / len(x) * camera.width_px, y / len(y) * camera.height_px
+    across, down = x / len(x) * camera.sensor.width_px, y / len(y) * camera.sensor.height_px
     heights = np.hypot(down[:, None], across) / camera.field.corner_px
     near = np.maximum(0, 1 - np.abs(heights[..., None] - _HEIGHTS) * (len(_HEIGHTS) - 1)).reshape(
         -1, len(_HEIGHTS)

@@ -9,16 +9,14 @@ the lens is known or transmits all, quantum efficiency.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from blurnoise.camera import Camera, lens, radiometry
+from blurnoise.camera.colour import FilterCurves
+from blurnoise.camera.spectra import Curve
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics import lens, radiometry
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import FilterCurves
-from blurnoise.optics.spectra import Curve
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.levels import columns
 from blurnoise_eval.calibration.structure import Z
@@ -46,7 +44,7 @@ def tied(camera: Camera, measured: float, source: str, illuminant: str | Curve =
     """
     of_lens = camera.sources.get("transmission", "assumed")
     lens_known = "assum" not in of_lens and _TIED not in of_lens
-    whole = camera if lens_known else replace(camera, transmission=1.0)
+    whole = camera if lens_known else camera.with_figures(transmission=1.0)
     share = measured / electrons_per_lux_s(whole, illuminant)
     by = f"{source}: {measured:.4g} {_TIED}, mean over the field"
     own = camera.sources.get("quantum_efficiency", "")
@@ -59,9 +57,9 @@ def tied(camera: Camera, measured: float, source: str, illuminant: str | Curve =
         by = f"derived: times {share:.3g} for the {_TIED} of transmission"
     if lens_known or share > 1:
         try:
-            found["quantum_efficiency"] = (scaled(camera.quantum_efficiency, share), f"{by}; {own}")
+            found["quantum_efficiency"] = (scaled(camera.sensor.quantum_efficiency, share), f"{by}; {own}")
         except ValueError:
-            held = ", ".join(f"{name} = {getattr(camera, name):g}" for name in ("f_number", "pixel_pitch_um"))
+            held = ", ".join(f"{name} = {camera.figure(name):g}" for name in ("f_number", "pixel_pitch_um"))
             needs = f"need {share:.3g} times the quantum efficiency, above 1; {held} may be wrong"
             raise ValueError(f"{measured:.4g} {_TIED}: {needs}; set them in a file for --base") from None
     return found
@@ -130,7 +128,7 @@ def lux_text(camera: Camera) -> str | None:
     tied_by = {name: before for name in RESTS_ON for before, of, _ in [sources[name].partition(_TIED)] if of}
     assumed = [name for name, source in (tied_by or sources).items() if "assum" in source]
     shown = [
-        name if name == "quantum_efficiency" else f"{name} {getattr(camera, name):.4g}" for name in assumed
+        name if name == "quantum_efficiency" else f"{name} {camera.figure(name):.4g}" for name in assumed
     ]
     measures = "measure them with a grey card and a lux meter: 'blurnoise cameras fit --grey-card'"
     return (

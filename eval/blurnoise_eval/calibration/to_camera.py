@@ -13,15 +13,16 @@ from __future__ import annotations
 import math
 import re
 from collections import ChainMap
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from blurnoise._core.checks import one_of
+from blurnoise.camera import PRESETS, Camera
+from blurnoise.camera.camera_files import KEYS
+from blurnoise.camera.gain import MeasuredGain
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.camera import PRESETS, Camera, MeasuredGain
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.frames import refuse
 from blurnoise_eval.calibration.headers import Tags, directories, linearized, numbers
@@ -71,13 +72,13 @@ def camera_of(
         known["photon_transfer"] = (tuple((share, point.value) for share, point in points), text)
     preset = PRESETS[one_of("base", base, sorted(PRESETS))]
     known |= _gains(found, preset)
-    if found.cfa and set(found.cfa) == set(preset.cfa):
+    if found.cfa and set(found.cfa) == set(preset.sensor.cfa):
         doubted = [doubt.text for doubt in found.doubts if "cfa" in doubt.figures]
         known["cfa"] = (found.cfa, "; doubtful: ".join(["stated with the frames", *doubted]))
-    if "quantum_efficiency" in known and preset.cfa not in ("none", "mono"):
+    if "quantum_efficiency" in known and preset.sensor.cfa not in ("none", "mono"):
         of_green = f"{known['quantum_efficiency'][0]:.3g} in the frames' light and the green pixels"
         source = f"assumed, as of the preset {base}: measured was {of_green}, not of each colour"
-        known["quantum_efficiency"] = (preset.quantum_efficiency, source)
+        known["quantum_efficiency"] = (preset.sensor.quantum_efficiency, source)
     if "full_well_e" not in known:
         gain, black = (estimates[each].value for each in ("system_gain_dn_per_e", "black_level_dn"))
         limit = "assumed: the limit of the converter, as no frame clips"
@@ -95,7 +96,7 @@ def _gains(found: Measurement, preset: Camera) -> Known:
     lowest = f"; {_COUNTED}{found.lowest_db:g} dB, the lowest measured" if found.lowest_db else ""
     if not found.gains:
         law = f"assumed: from the preset {preset.name}, as the frames have one gain{lowest}"
-        return {"read_noise_post_share": (preset.read_noise_post_share, law)}
+        return {"read_noise_post_share": (preset.sensor.read_noise_post_share, law)}
     rows = [
         MeasuredGain(gain_db, **{name: estimate.value for name, estimate in figures.items()})
         for gain_db, figures in found.gains.items()
@@ -110,7 +111,7 @@ def _gains(found: Measurement, preset: Camera) -> Known:
         "conversion_gains": ((), "not used: read noise was measured at gains"),
     }
     for limit in ("analogue_gain_max_db", "gain_max_db"):
-        if getattr(preset, limit) < max(found.gains):
+        if preset.figure(limit) < max(found.gains):
             known[limit] = (max(found.gains), "measured: the highest gain of the frames")
     return known
 
@@ -129,15 +130,17 @@ def on_base(name: str, known: Known, base: str) -> Camera:
     if not Path(base).is_file():
         one_of("base", base, sorted(PRESETS))
     camera = find(base)
-    names = [entry.name for entry in fields(Camera) if entry.name not in ("name", "sources")]
+    names = [key for key in KEYS if key not in ("name", "sources")]
     sources = dict.fromkeys(names, f"assumed, as of the preset {base}") if base in PRESETS else camera.sources
-    return changed(replace(camera, name=name, sources=sources), known)
+    return changed(camera.with_figures(name=name, sources=sources), known)
 
 
 def changed(camera: Camera, known: Known) -> Camera:
     """The camera with other figures and their sources."""
     sources = {**camera.sources, **{name: source for name, (_, source) in known.items()}}
-    return replace(camera, **{name: value for name, (value, _) in known.items()}, sources=sources)
+    figures = {name: value for name, (value, _) in known.items()}
+    figures |= figures.pop("lens", {})  # of the lens over the field, as in camera files
+    return camera.with_figures(**figures, sources=sources)
 
 
 def ends(estimate: Estimate) -> tuple[str, str]:

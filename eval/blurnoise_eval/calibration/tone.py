@@ -21,7 +21,7 @@ from PIL import Image
 from scipy.interpolate import PchipInterpolator
 
 from blurnoise._core.files import read_samples
-from blurnoise.optics.colour import Points, linear_from_srgb
+from blurnoise.camera.colour import Points, linear_from_srgb
 from blurnoise_eval.calibration.frames import Floats, refuse
 from blurnoise_eval.calibration.listing import reader_of, with_points
 from blurnoise_eval.calibration.structure import Z

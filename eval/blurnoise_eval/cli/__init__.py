@@ -31,10 +31,8 @@ COMMANDS: dict[str, str] = {
     "inspect": "show the inputs, outputs and contract of a model",
     "simulate": "simulate how a camera takes a picture",
     "explore": "change the conditions with sliders, see picture and detections",
-    "quality": "measure the image quality of simulated charts",
-    "measure": "measure sharpness, noise and information at slanted edges",
-    "compare": "compare a simulated picture of a chart with a real one",
-    "validate": "compare simulated frames with the frames of a camera",
+    "measure": "measure image quality: edges of a picture, or simulated charts",
+    "validate": "compare simulated with real frames, or pictures of a chart",
     "chart": "render a test chart",
     "motion": "convert a road speed to px/s and blur length",
     "cameras": "list the camera presets, or show the values of one camera",
@@ -43,7 +41,7 @@ COMMANDS: dict[str, str] = {
 }
 """The commands, each with a line about it. The function of a command has its name, in a module of that name."""
 _INTERRUPTED = 130  # what Typer makes of an interrupt
-_READ_ONLY = ("_overview", "compare", "motion")
+_READ_ONLY = ("_overview", "motion")
 _OVERWRITE = Annotated[
     bool,
     Option(

@@ -8,7 +8,7 @@ from dataclasses import fields
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Exit, Option
 
@@ -183,8 +183,10 @@ Folder = Annotated[
 NewFolder = Annotated[
     Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="folder for the results")
 ]
-Linear = Annotated[bool, Option("--linear", help="pixel values are linear in light (default for 16 bits)")]
-Srgb = Annotated[bool, Option("--srgb", help="pixel values are sRGB-coded (default for 8 bits)")]
+CodingOfPicture = Annotated[
+    Literal["auto", "linear", "srgb"],
+    Option(help="coding of the pixel values; auto: linear for 16 bits, sRGB for 8 bits"),
+]
 BlackLevel = Annotated[float | None, Option(metavar="DN", help="digital number without light (default: 0)")]
 FullScale = Annotated[
     float | None, Option(metavar="DN", help="largest digital number (default: all bits set)")

@@ -31,7 +31,7 @@ def cameras(
 
     A camera file may consist of 'base: imx250' and the fields that differ.
     """
-    from blurnoise.optics.camera import PRESETS
+    from blurnoise.camera import PRESETS
     from blurnoise_eval import cameras as tables
 
     if camera is None:

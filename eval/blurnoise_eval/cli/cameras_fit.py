@@ -7,6 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import FramesCfa, FramesLayout, new_file
 from blurnoise_eval.system.terminal import say, say_wrapped, show
 
@@ -99,7 +100,7 @@ def cameras_fit(
     too). The exposures come from EXIF or from frames.csv (file, exposure_s).
     """
     from blurnoise._core import checks
-    from blurnoise.optics.camera import PRESETS
+    from blurnoise.camera import PRESETS
     from blurnoise_eval.calibration import to_camera
     from blurnoise_eval.cameras import figures
 
@@ -112,8 +113,8 @@ def cameras_fit(
         raise ValueError(f"folder, dng, libcamera: {must}")
     of_frames = {"temperature_c": temperature_c, "raw_layout": raw_layout, "cfa": cfa, "grey_card": grey_card}
     of_frames |= {"bit_depth": bit_depth} if libcamera is None else {}
-    if folder is None and (unused := [name for name, value in of_frames.items() if value is not None]):
-        raise ValueError(f"{', '.join(unused)}: needs a folder of frames")
+    if folder is None:
+        inputs.refuse_unused(of_frames, "a folder of frames")
     named = (
         libcamera.stem
         if libcamera and libcamera.stem in PRESETS
@@ -159,9 +160,9 @@ def cameras_fit(
         for name, each, unit in found.rows():
             interval = " to ".join(to_camera.ends(each)) if each else ""
             table.add_row(name, f"{each.value:.4g}" if each else "not available", interval, unit)
-        if found.cfa and set(found.cfa) != set(camera.cfa):
+        if found.cfa and set(found.cfa) != set(camera.sensor.cfa):
             notes.append(
-                f"the camera file has the colour filters {camera.cfa} of its base; use --base imx250c for RGGB"
+                f"the camera file has the colour filters {camera.sensor.cfa} of its base; use --base imx250c for RGGB"
             )
         notes += [*(f"warning: {doubt.text}" for doubt in found.doubts), *found.notes]
         notes += [f"{name}: {source}" for name, (_, source) in lux.items()]

@@ -35,7 +35,7 @@ def chart(
     """
     from blurnoise import charts
     from blurnoise._core.checks import limited
-    from blurnoise.optics.colour import srgb_from_linear
+    from blurnoise.camera.colour import srgb_from_linear
     from blurnoise_eval.datasets import write_picture
 
     angle_deg = angle if angle is not None else (5.0 if kind == "slanted-edge" else 0.0)

@@ -27,6 +27,4 @@ def decide(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:
     same folder starts from the conditions that are already there. 'blurnoise sweep --save-plan' writes a file for
     --plan.
     """
-    from blurnoise_eval.deciding.decision import decided
-
-    computed(decided, config, output, as_json)
+    computed(config, output, as_json, "search")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,12 +11,18 @@ from typing import TYPE_CHECKING, Any
 from blurnoise_eval.system.terminal import say_wrapped
 
 if TYPE_CHECKING:
-    from blurnoise.optics.camera import Camera
-    from blurnoise.optics.colour import Cfa
+    from blurnoise.camera import Camera
+    from blurnoise.camera.colour import Cfa
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.plan.files import PlanFile, Taking
     from blurnoise_eval.scoring.on_picture import Model
+
+
+def refuse_unused(options: Mapping[str, Any], needs: str) -> None:
+    """Raise ``ValueError`` for options that are not None. needs: what they are for, in words."""
+    if unused := [name for name, value in options.items() if value is not None]:
+        raise ValueError(f"{', '.join(unused)}: needs {needs}")
 
 
 def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> Camera:
@@ -29,7 +36,7 @@ def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> 
     camera = default_camera(colour=colour, cfa=cfa) if name is None else find(name)
     if cfa is None:
         return camera
-    return replace(camera, cfa=cfa, sources={**camera.sources, "cfa": "from the command line"})
+    return camera.with_figures(cfa=cfa, sources={**camera.sources, "cfa": "from the command line"})
 
 
 def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | None]:
@@ -38,13 +45,13 @@ def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | N
 
     named = plan.camera is not None
     chosen = camera(plan.camera, cfa=plan.cfa) if named else default_for(pictures, plan.cfa)
-    about = camera_text(chosen, colour=chosen.cfa != "none" or in_colour(pictures))
+    about = camera_text(chosen, colour=chosen.sensor.cfa != "none" or in_colour(pictures))
     return chosen, "; ".join(filter(None, [about, about_lux(plan, chosen)])) or None
 
 
 def about_lux(config: Taking, camera: Camera) -> str | None:
     """A line on how lux are calibrated, if the user sets lux for a camera of their own file."""
-    from blurnoise.optics.camera import PRESETS
+    from blurnoise.camera import PRESETS
     from blurnoise_eval.calibration.light import lux_text
 
     has_lux = getattr(config, "lux", None) is not None

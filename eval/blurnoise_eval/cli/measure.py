@@ -1,24 +1,66 @@
-"""``blurnoise measure``: measure the slanted edges of a picture; table, CSV, JSON or plot."""
+"""``blurnoise measure``: image quality at the slanted edges of a picture, or of simulated charts."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import BlackLevel, FullScale, Json, Linear, Region, Srgb, new_file, region
+from blurnoise_eval.cli import inputs
+from blurnoise_eval.cli._options import (
+    BlackLevel,
+    CodingOfPicture,
+    FullScale,
+    Json,
+    Region,
+    new_folder,
+    region,
+    settings,
+)
+from blurnoise_eval.plan.axes import AXES
+from blurnoise_eval.plan.files import LISTS, PlanFile, with_axes
+from blurnoise_eval.plan.settings import setting
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show, width
 
 if TYPE_CHECKING:
-    from blurnoise_eval.measure.edges import Measured
+    from collections.abc import Sequence
 
+    from blurnoise_eval.measure.edges import MeasuredEdge
+
+USUAL = {
+    "exposure_ms": "0.5,1,2,5,10,15,20,30,45,60,90",
+    "lux": "5,50,500",
+    "dx": "0,200,500,1000",
+    "dy": "0",
+    "gain": "0",
+}
+_AXES = tuple(  # the charts have no common mean to meter, so nothing is automatic
+    replace(axis, automatic=False, about=axis.about.partition("; auto")[0]) for axis in AXES
+)
 _LABEL_WIDTH, _REGION_WIDTH, _PIPE_WIDTH = 24, 28, 80  # of the table's columns, in characters
 
 
+@dataclass(frozen=True)
+class ChartPlan(with_axes(LISTS, "LIST", USUAL, _AXES), PlanFile):  # type: ignore[misc]  # its fields are the table's
+    """A plan with the defaults of this command for camera and axes."""
+
+    camera: str | None = setting(None, "a preset or a camera file (default: imx250m)", "NAME|FILE")
+
+
+@settings(ChartPlan, "camera", "exposure_ms", "lux", "dx", "dy", "gain", template=False)
 def measure(
-    image: Annotated[Path, Argument(metavar="IMAGE", help="8- or 16-bit picture, grey or colour")],
+    image: Annotated[
+        Path | None,
+        Argument(metavar="IMAGE", help="8- or 16-bit picture with slanted edges (default: simulated charts)"),
+    ] = None,
     *,
+    output: Annotated[
+        Path | None,
+        Option("-o", "--output", parser=new_folder, metavar="DIR", help="folder for tables and figures"),
+    ] = None,
     roi: Annotated[
         list[Region] | None,
         Option(
@@ -33,8 +75,7 @@ def measure(
             help="exact: a spline fit of all pixels; iso: the algorithm of ISO 12233:2023, with its known errors"
         ),
     ] = "exact",
-    linear: Linear = False,
-    srgb: Srgb = False,
+    coding: CodingOfPicture = "auto",
     black_level: BlackLevel = None,
     full_scale: FullScale = None,
     oecf: Annotated[
@@ -44,35 +85,26 @@ def measure(
             help="response curve of the camera from a grey scale; each line: digital number, light",
         ),
     ] = None,
-    target_size: Annotated[
-        int, Option(metavar="PX", help="side of the target square for SNRI, 1 to 64 px")
-    ] = 10,
-    target_contrast: Annotated[
-        float,
-        Option(metavar="C", help="contrast of the target square for SNRI to the mean level of the region"),
-    ] = 0.1,
-    plot: Annotated[
-        Path | None,
+    target: Annotated[
+        str | None,
         Option(
-            parser=new_file,
-            metavar="OUT.png",
-            help="plot the regions, and ESF, LSF and SFR of the first four edges (.png, .pdf or .svg)",
+            metavar="PX,CONTRAST",
+            help="target square for SNRI: side, 1 to 64 px, and contrast to the mean level (default: 10,0.1)",
         ),
     ] = None,
-    table: Annotated[
-        Path | None,
-        Option("--csv", parser=new_file, metavar="OUT.csv", help="write a table with one row per region"),
-    ] = None,
+    config: ChartPlan,
     as_json: Json = False,
 ) -> None:
-    """Measure the slanted edges of a picture: MTF50 and related metrics, CNR and edge SNR, contrast, information
-    capacity (SIC), noise-equivalent quanta (NEQ) and the SNR of an ideal observer (SNRI). Each value has a 95 %
-    interval.
+    """Measure image quality at the slanted edges of a picture, or of simulated charts over exposure, light and
+    motion. Each value has a 95 % interval.
 
       blurnoise measure chart.png                          detects the edges
       blurnoise measure photo.jpg --roi 410,96,80,120      measures one region
-      blurnoise measure raw.png --black-level 40 --full-scale 4095 \\
-          --plot edges.png --csv edges.csv
+      blurnoise measure raw.png --black-level 40 --full-scale 4095 -o edges
+      blurnoise measure -o quality --camera mine.yaml --lux 20 --dx 0,100
+
+    Edges: MTF50 and related metrics, CNR and edge SNR, contrast, information capacity (SIC), noise-equivalent quanta
+    (NEQ) and the SNR of an ideal observer (SNRI). With -o, the command writes DIR/edges.csv, .json and .png.
 
     A dash with a reason replaces a value that cannot be measured: the edge is clipped, blurred beyond its region, or
     one of two edges in the region. A question mark marks a value that may be wrong; the reason is below the table.
@@ -84,62 +116,95 @@ def measure(
     SIC radial assumes the same blur in all directions. SIC square and the NEQ sum integrate over the square of all
     frequencies. They use the nearest edge of the other orientation; if there is none, they assume the same blur in
     both directions. NEQ refers to the bright side of the edge. It does not need the gain, but the black level.
+
+    Simulated charts (without IMAGE): the same metrics, patch SNR, contrast detection probability (CDP), PSNR and
+    SSIM. Each chart is simulated with two noise fields, or with as many as 'repeats' of the plan says. The command
+    writes DIR/quality.csv (one row per condition and metric) and DIR/quality.json. For each light it draws a figure
+    in DIR/figures: the metrics against exposure, one line per speed. Where a value is not available (saturated, lost
+    in noise, blurred beyond the chart), its flags give the reason.
     """
-    if linear and srgb:
-        raise ValueError("linear, srgb: only one of them is allowed")
+    of_image: dict[str, Any] = {"roi": roi, "mode": None if mode == "exact" else mode}
+    of_image |= {"coding": None if coding == "auto" else coding, "black_level": black_level}
+    of_image |= {"full_scale": full_scale, "oecf": oecf, "target": target}
+    if image is None:
+        inputs.refuse_unused(of_image, "IMAGE")
+        if output is None:
+            raise ValueError("output: is missing; set -o DIR, or IMAGE to measure a picture")
+        _measure_charts(config, output, as_json)
+        return
+    names = [entry.name for entry in fields(ChartPlan)]
+    changed = {name: getattr(config, name) != getattr(ChartPlan(), name) or None for name in names}
+    inputs.refuse_unused(changed, "simulated charts, so no IMAGE")
     from blurnoise.metrics.edge.response import ISO_EDITION
     from blurnoise_eval.calibration.tone import read_oecf
     from blurnoise_eval.datasets import decode
-    from blurnoise_eval.measure import edges as measuring
-    from blurnoise_eval.measure import linear as linearising
-    from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
-    from blurnoise_eval.system.tables import csv_lines
+    from blurnoise_eval.measure import edges
+    from blurnoise_eval.measure.figures import draw_regions
+    from blurnoise_eval.measure.linear import linear
+    from blurnoise_eval.system.files import check_outputs, write_figure, write_records
 
-    if plot:
-        plot_suffix(plot)  # before anything is measured
-    target = measuring.Square(target_size, target_contrast)
-    light = linearising.linear(
-        decode(image),
-        "linear" if linear else "srgb" if srgb else "auto",
-        black_level=black_level,
-        full_scale=full_scale,
-        oecf=read_oecf(oecf) if oecf else None,
-    )
-    notes = [*light.notes, *([f"iso: {ISO_EDITION}"] if mode == "iso" else [])]
-    measured = measuring.measure(light, roi or measuring.found_regions(light), mode=mode, target=target)
-    rows = [region.row() for region in measured]
-    if table:
-        write_whole(table, "".join(csv_lines(list(rows[0]), rows)).encode())
-    if plot:
-        from blurnoise_eval.measure.figures import draw_regions
-
-        write_figure(plot, draw_regions(light, measured), dpi=110)
+    square = edges.TargetSquare.parse(target) if target else edges.TargetSquare()
+    if output:
+        check_outputs(output, "edges.csv", "edges.json", "edges.png")
+    curve = read_oecf(oecf) if oecf else None
+    picture = linear(decode(image), coding, black_level=black_level, full_scale=full_scale, oecf=curve)
+    notes = [*picture.notes, *([f"iso: {ISO_EDITION}"] if mode == "iso" else [])]
+    regions = edges.measure(picture, roi or edges.detected_regions(picture), mode=mode, target=square)
+    rows = [edge.row() for edge in regions]
+    facts = {"image": str(image), "mode": mode, "unit": picture.unit, "target": vars(square)}
+    document = {**facts, "notes": notes, "regions": rows}
+    if output:
+        output.mkdir(parents=True, exist_ok=True)
+        write_records("edges", rows, document, output)
+        write_figure(output / "edges.png", draw_regions(picture, regions), dpi=110)
     if as_json:
-        facts = {"image": str(image), "mode": mode, "unit": light.unit, "target": vars(target)}
-        say_json({**facts, "notes": notes, "regions": rows})
+        say_json(document)
         return
-    _print(measured, f"of {target.size_px} px, {100 * target.contrast:g} %")
+    _say_table(regions, f"of {square.size_px} px, {100 * square.contrast:g} %")
     say(*notes, error=True)
-    say(*filter(None, (table, plot)))
+    say(*(output / name for name in ("edges.csv", "edges.png") if output))
 
 
-def _print(measured: list[Measured], target: str) -> None:
+def _measure_charts(config: ChartPlan, output: Path, as_json: bool) -> None:
+    camera = inputs.camera(config.camera, config.cfa, colour=False)
+    workers = inputs.threads(config.threads)
+    from blurnoise_eval.measure import charts
+    from blurnoise_eval.measure.figures import write
+    from blurnoise_eval.system.files import check_outputs
+
+    plan = config.sweep_plan(repeats=2)
+    charts.check(camera, plan)
+    check_outputs(output, "quality.csv", "quality.json", "figures/exposure-*.png")
+    output.mkdir(parents=True, exist_ok=True)
+    with ProgressBar("measure", len(plan.conditions())) as advance:
+        rows = charts.measure(
+            camera, plan.conditions(), repeats=plan.repeats, seed=plan.seed, threads=workers, progress=advance
+        )
+    charts.write(rows, camera, plan, output)
+    figures = write(rows, camera.name, output / "figures")
+    if as_json:
+        say_json({"output": str(output), "rows": len(rows), "figures": [str(path) for path in figures]})
+        return
+    say(f"figures: {', '.join(map(str, figures))}")
+
+
+def _say_table(regions: Sequence[MeasuredEdge], target: str) -> None:
     """Print a column per region, as many side by side as fit, and the warnings below."""
     from rich.table import Table
 
-    from blurnoise_eval.measure.edges import EDGE_METRICS, angle_text, reading_text, second_text
+    from blurnoise_eval.measure.edges import EDGE_METRICS, angle_text, estimate_text, second_text
 
     side_by_side = max(1, ((width() or _PIPE_WIDTH) - _LABEL_WIDTH) // _REGION_WIDTH)
-    for start in range(0, len(measured), side_by_side):
-        shown = measured[start : start + side_by_side]
+    for start in range(0, len(regions), side_by_side):
+        shown = regions[start : start + side_by_side]
         table = Table("region", *(str(region.number) for region in shown))
         table.add_row("x,y,w,h, px", *(",".join(map(str, region.roi)) for region in shown))
         table.add_row("angle, degrees", *(angle_text(region) for region in shown), end_section=True)
         for metric in EDGE_METRICS:
             label = f"{metric.title} {target}" if metric.name == "snri" else metric.label.replace(" / ", ", ")
-            table.add_row(label, *(reading_text(region.estimates[metric.name]) for region in shown))
+            table.add_row(label, *(estimate_text(region.estimates[metric.name]) for region in shown))
         table.add_row("used for square, SNRI", *(second_text(region) for region in shown))
         show(table)
-    for each in measured:
-        if each.doubts:
-            say(f"{each.number}: {'; '.join(each.doubts)}")
+    for edge in regions:
+        if edge.doubts:
+            say(f"{edge.number}: {'; '.join(edge.doubts)}")

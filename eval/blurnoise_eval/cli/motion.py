@@ -47,8 +47,8 @@ def motion(
     taken_by = inputs.camera(camera)
     seen: Any = {
         "target_width_m": target_width_m,
-        "width_px": taken_by.width_px if width_px is None else width_px,
-        "hfov_deg": taken_by.hfov_deg if hfov_deg is None else hfov_deg,
+        "width_px": taken_by.sensor.width_px if width_px is None else width_px,
+        "hfov_deg": taken_by.lens.hfov_deg if hfov_deg is None else hfov_deg,
         "lens": lens,
     }
     velocity = velocity_px_s(speed_kmh / 3.6, distance_m, **seen)

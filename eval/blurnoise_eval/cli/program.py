@@ -31,29 +31,32 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     mode for the tuning file of a Raspberry Pi camera.
     """
     from blurnoise._core.checks import in_range
-    from blurnoise.optics.captures import longest_first_s
+    from blurnoise.camera.captures import longest_first_s
     from blurnoise_eval.program import report
     from blurnoise_eval.program import scenario as of
     from blurnoise_eval.program.optimise import optimise
     from blurnoise_eval.program.problem import Problem, inputs_of
     from blurnoise_eval.run.run import Run
-    from blurnoise_eval.run.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
     check_outputs(output, "program.csv", "program.json", "program.png", "libcamera.json")
     in_range("fps", config.fps, 0.0, 1e6, above=True)
     in_range("readout_ms", config.readout_ms, 0.0, 1e3 / config.fps)
-    with read_run(run) as read, Run.open(read.path) as opened, ProgressBar("program", 2) as advance:
-        inputs = inputs_of(opened.store, criterion_of(opened, config.question), config.model)
+    with (
+        read_run(run) as read,
+        Run.open(read, config.question) as opened,
+        ProgressBar("program", 2) as advance,
+    ):
+        inputs = inputs_of(opened, config.model)
         camera, own = inputs.metering.camera, inputs.scenario
-        shortest_s = camera.row_time_s or of.PREGIUS_LEAST_S
+        shortest_s = camera.sensor.row_time_s or of.PREGIUS_LEAST_S
         within_s = 1 / config.fps - config.readout_ms / 1e3
         limits = of.Limits(
             frame_rate_hz=config.fps,
             readout_s=config.readout_ms / 1e3,
             mains_hz=float(config.anti_flicker or 0),
             led=config.led,
-            longest_s=longest_first_s(camera.captures, within_s) if camera.captures else 3600.0,
+            longest_s=longest_first_s(camera.sensor.captures, within_s) if camera.sensor.captures else 3600.0,
             gain_max_db=config.most_gain_db,
             row_time_s=config.line_time_us / 1e6,
             least_exposure_s=shortest_s

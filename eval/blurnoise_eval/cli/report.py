@@ -24,7 +24,8 @@ from blurnoise_eval.cli.console import print_opening
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
-    from blurnoise_eval.evaluation import Evaluation
+    from blurnoise_eval.run.run import Run
+    from blurnoise_eval.system.working_folder import WorkingFolder
 
 _MOST_LABELS = 8
 
@@ -81,9 +82,8 @@ def report(
 
     Settings that no option changes are those of the sweep.
     """
-    from blurnoise_eval.deciding.decision import Decision
     from blurnoise_eval.plan.question import Question
-    from blurnoise_eval.system.files import path_within
+    from blurnoise_eval.run.run import Run
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
     if output is None and isinstance(run, Path) and run.is_dir():
@@ -91,56 +91,56 @@ def report(
             new_place(run)
         except OSError as error:
             raise OSError(error.errno, f"{error.strerror}, as in -o DIR", error.filename) from None
-    with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
-        done = Decision(
-            folder,
-            Question(threshold=threshold, keep=keep, score=score, cluster=cluster),
-            output=written,
-            progress=True,
-            images=images,
-            trust=trust,
-        )
-        if coco:
-            from blurnoise_eval.run.coco_export import write_detections
-            from blurnoise_eval.store.store import Store
-
-            place = path_within(done.output, "coco")
-            with Store(done.folder) as store:
-                files = write_detections(store, place)
-            say(f"{', '.join(map(str, files))}: each with its -instances.json", error=True)
+    question = Question(threshold=threshold, keep=keep, score=score, cluster=cluster)
+    with read_run(run) as folder, nullcontext(folder) if output is None else output_folder(output) as written:
+        done = Run.open(folder, question, trust=trust, images=images, progress=True)
         if fiftyone:
             say(done.write_fiftyone(fiftyone), error=True)
-        print_run(done, as_json=as_json)
+        print_run(done, written, coco=coco, as_json=as_json)
+        if coco:
+            folder_text = written.with_url(written.path / "coco")
+            say(f"{folder_text}: detections in MODEL.json, targets in MODEL-instances.json", error=True)
 
 
-def print_run(done: Evaluation, *, as_json: bool, about_camera: str | None = None) -> None:
-    """Write a run's tables, figures and page; print its answers, and where the page is."""
-    from blurnoise_eval.deciding.decision import Decision
+def print_run(
+    done: Run,
+    written: WorkingFolder | None = None,
+    *,
+    coco: bool = False,
+    as_json: bool = False,
+    about_camera: str | None = None,
+) -> None:
+    """Write a run's tables, figures and page; print its answers, and where the page is.
+
+    written: the folder of these, by default the run's. coco: also write COCO's files.
+    """
     from blurnoise_eval.report.findings import alarms
     from blurnoise_eval.report.words import counted
 
-    done.report()
-    for entry in done.skipped:
+    done.report(written, coco=coco)
+    summary = done.summary(written)
+    for entry in summary["skipped"]:
         say(f"skipped: {entry['reason']}", error=True)
     if as_json:
-        say_json(done.summary)
+        say_json(summary)
         return
-    for alarm in alarms(done.data):
+    for alarm in alarms(done.tables):
         say_wrapped(f"Warning: {alarm}")
-    for name, labels in done.summary["targets_found"].items():
+    for name, labels in summary["targets_found"].items():
         classes = [f"{label} {count}" for label, count in labels.items()]
         more = [f"{len(classes) - _MOST_LABELS} more classes"] if len(classes) > _MOST_LABELS else []
         found = f"{counted(sum(labels.values()), 'target')}, detected in the original pictures"
         say_wrapped(f"{name}: {found}: {', '.join(classes[:_MOST_LABELS] + more)}", hanging=2)
-    print_opening(done.data)
-    for line in done.how() if isinstance(done, Decision) else ():
+    print_opening(done.tables)
+    for line in done.strategy_sentences():
         say_wrapped(line)
-    for each in done.summary["withheld"]:
+    for group in summary["withheld"]:
         say_wrapped(
-            f"No answer for {each['model']}, {each['group']}: almost no target is found in the original pictures"
+            f"No answer for {group['model']}, {group['group']}: almost no target is found in the original pictures"
         )
     if about_camera:
         say_wrapped(about_camera, hanging=2)
     took = f" in {done.outcome.wall_s:.0f} s" if done.outcome is not None else ""
-    skipped = f", {counted(len(done.skipped), 'picture')} skipped" if done.skipped else ""
-    say(f"{done.summary['cells']} cells{took}{skipped}. Details: {done.summary['report']}")
+    n_skipped = len(summary["skipped"])
+    skipped = f", {counted(n_skipped, 'picture')} skipped" if n_skipped else ""
+    say(f"{summary['cells']} cells{took}{skipped}. Details: {summary['report']}")

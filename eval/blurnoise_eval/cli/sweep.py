@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import Folder, Json, Location, settings
 from blurnoise_eval.cli.report import print_run
 from blurnoise_eval.plan.files import PlanFile
-
-if TYPE_CHECKING:
-    from blurnoise_eval.evaluation import Evaluation
 
 
 @settings(
@@ -38,16 +33,13 @@ def sweep(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:
 
     An interrupted sweep continues when you run the same command again.
     """
-    from blurnoise_eval.evaluation import evaluate
-
-    computed(evaluate, config, output, as_json, part=config.part, refine=config.refine)
+    computed(config, output, as_json, "refine" if config.refine else "grid")
 
 
-def computed(
-    compute: Callable[..., Evaluation], config: PlanFile, output: Location, as_json: bool, **further: Any
-) -> None:
-    """Compute a plan, write the run and print its answers."""
+def computed(config: PlanFile, output: Location, as_json: bool, strategy: str) -> None:
+    """Compute a plan by a strategy, write the run and print its answers."""
     from blurnoise_eval.run.engines import engine_of
+    from blurnoise_eval.run.evaluation import evaluate
     from blurnoise_eval.system.working_folder import written_run
 
     workers = config.threads if config.address else inputs.threads(config.threads)
@@ -56,8 +48,16 @@ def computed(
     plan = config.sweep_plan()
     camera, about_camera = inputs.camera_of_run(config, pictures)
     with written_run(output) as folder:
-        of = replace(folder, command=inputs.command())
-        done = compute(
-            models, pictures, camera, plan, config.question, of, engine=engine, progress=True, **further
+        done = evaluate(
+            models,
+            pictures,
+            camera,
+            plan,
+            config.question,
+            replace(folder, command=inputs.command()),
+            strategy=strategy,
+            engine=engine,
+            part=config.part,
+            progress=True,
         )
         print_run(done, as_json=as_json, about_camera=about_camera)

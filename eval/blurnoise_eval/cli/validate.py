@@ -1,79 +1,152 @@
-"""``blurnoise validate``: compare simulated frames with the frames of a camera."""
+"""``blurnoise validate``: compare simulated frames, or a simulated picture, with those of a camera."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import FramesCfa, FramesLayout, Json, NewFolder
+from blurnoise_eval.cli import inputs
+from blurnoise_eval.cli._options import (
+    BlackLevel,
+    CodingOfPicture,
+    FramesCfa,
+    FramesLayout,
+    FullScale,
+    Json,
+    new_folder,
+)
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped, table_lines
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from blurnoise_eval.measure.comparison import Comparison
 
 
 def validate(
-    frames: Annotated[Path, Argument(metavar="FRAMES", help="folder of dark and flat frames")],
+    real: Annotated[
+        Path, Argument(metavar="REAL", help="folder of dark and flat frames, or a picture of a chart")
+    ],
+    simulated: Annotated[
+        Path | None,
+        Argument(metavar="SIMULATED", help="picture of the same chart, made with 'blurnoise simulate'"),
+    ] = None,
     *,
-    output: NewFolder,
+    output: Annotated[
+        Path | None,
+        Option("-o", "--output", parser=new_folder, metavar="DIR", help="folder for the results"),
+    ] = None,
     camera: Annotated[
         str | None,
         Option(metavar="NAME|FILE", help="camera to simulate (default: fitted to every other level)"),
     ] = None,
     raw_layout: FramesLayout = None,
     cfa: FramesCfa = None,
-    seed: Annotated[int, Option(metavar="N", help="seed of the simulated noise")] = 0,
+    seed: Annotated[int | None, Option(metavar="N", help="seed of the simulated noise (default: 0)")] = None,
+    coding: CodingOfPicture = "auto",
+    black_level: BlackLevel = None,
+    full_scale: FullScale = None,
     as_json: Json = False,
 ) -> None:
-    """Simulate the dark and flat frames of a camera and compare them with the real frames, level by level.
+    """Compare real with simulated dark and flat frames of a camera, level by level, or pictures of a chart.
 
       blurnoise validate frames/ -o check
       blurnoise validate frames/ --camera mine.yaml -o check
+      blurnoise validate real.png simulated.png --black-level 64 --full-scale 4095
 
-    Compared are mean, variance, kurtosis, correlation, rows, columns and spectrum of the noise and of the fixed
-    pattern. A classifier also tries to tell real frames from simulated ones.
+    Frames: REAL is a folder as for 'blurnoise cameras fit'. Compared are mean, variance, kurtosis, correlation, rows,
+    columns and spectrum of the noise and of the fixed pattern. A classifier also tries to tell real frames from
+    simulated ones. Without --camera, a camera is fitted to half of the levels and compared with the other half. The
+    command writes DIR/validation.html, .csv and .json, and the fitted camera as DIR/camera.yaml.
 
-    Without --camera, a camera is fitted to half of the levels and compared with the other half. FRAMES is a folder as
-    for 'blurnoise cameras fit'. The command writes DIR/validation.html, .csv and .json, and the fitted camera as
-    DIR/camera.yaml.
+    Pictures: compared are the mean, the noise of areas that are uniform in both pictures, and MTF50 of slanted edges.
+    Align the pictures to a few pixels. Both should be linear: simulate with --bit-depth native, and use a raw picture
+    of the camera. The command writes DIR/validation.csv and .json.
     """
+    of_frames = {"camera": camera, "raw_layout": raw_layout, "cfa": cfa, "seed": seed}
+    levels = {"black_level": black_level, "full_scale": full_scale}
+    of_pictures = {"coding": None if coding == "auto" else coding, **levels}
+    if simulated is None:
+        if real.is_file():
+            raise ValueError(f"simulated: is missing; must be a picture of the same chart as {real}")
+        inputs.refuse_unused(of_pictures, "two pictures")
+        _validate_frames(real, output, as_json, camera, raw_layout=raw_layout, cfa=cfa, seed=seed or 0)
+        return
+    inputs.refuse_unused(of_frames, "a folder of frames")
+    for name, picture in (("real", real), ("simulated", simulated)):
+        if picture.is_dir():
+            raise ValueError(f"{name} = {str(picture)!r}: is a folder; must be a picture of a chart")
+    from blurnoise_eval.datasets import decode
+    from blurnoise_eval.measure import pictures
+    from blurnoise_eval.measure.comparison import summary
+
+    pair = pictures.linear_pair(decode(real), decode(simulated), coding, **levels)
+    comparisons, notes = pictures.compare(*pair)
+    facts = {"real": str(real), "simulated": str(simulated), "notes": notes}
+    document = _write(comparisons, facts, output)
+    if as_json:
+        say_json(document)
+        return
+    _say_table("measure", summary(comparisons))
+    say(*notes, error=True)
+
+
+def _validate_frames(
+    folder: Path, output: Path | None, as_json: bool, name: str | None, *, raw_layout: str | None, **how: Any
+) -> None:
     from blurnoise_eval import cameras
     from blurnoise_eval.calibration.formats import RawLayout
-    from blurnoise_eval.measure import page
-    from blurnoise_eval.measure.frames import validate as compared
-    from blurnoise_eval.system.files import check_outputs, write_records
+    from blurnoise_eval.measure import frames, page
+    from blurnoise_eval.measure.comparison import summary
+    from blurnoise_eval.system.files import check_outputs
 
-    check_outputs(output, "validation.html", "validation.csv", "validation.json", "camera.yaml")
+    if output:
+        check_outputs(output, "validation.html", "validation.csv", "validation.json", "camera.yaml")
     layout = RawLayout.parse(raw_layout) if raw_layout else None
-    known = cameras.find(camera) if camera else None
-    found = compared(frames, known, layout=layout, cfa=cfa, seed=seed)
-    output.mkdir(parents=True, exist_ok=True)
-    rows = [each.row() for each in found.comparisons]
-    names = ("real from simulated", "real from real")
-    scores = {
+    validation = frames.validate(folder, cameras.find(name) if name else None, layout=layout, **how)
+    classifier = {
         kind: {
-            name: [auc.value, auc.low, auc.high]
-            for name, auc in zip(names, pair, strict=True)
+            title: [auc.value, auc.low, auc.high]
+            for title, auc in zip(("real from simulated", "real from real"), scores, strict=True)
             if auc.available
         }
-        for kind, pair in found.apart.items()
+        for kind, scores in validation.auc.items()
     }
-    facts = {
-        "answer": found.answer,
-        "camera": found.camera.name,
-        "classifier": scores,
-        "notes": [*found.notes],
-    }
-    document = {**facts, "rows": rows}
-    write_records("validation", rows, document, output)
-    written = page.write(found, output)
-    if found.fitted:
-        found.camera.save(output / "camera.yaml")
+    facts = {"answer": validation.answer, "camera": validation.camera.name, "classifier": classifier}
+    document = _write(validation.comparisons, facts | {"notes": [*validation.notes]}, output)
+    notes = [*validation.notes]
+    if output:
+        notes.append(f"page: {page.write(validation, output)}")
+        if validation.fitted:
+            validation.camera.save(output / "camera.yaml")
     if as_json:
-        say_json({"output": str(output), **document})
+        say_json(document)
         return
-    say_wrapped(found.answer)
-    for kind in found.apart:
-        heads = (f"{kind} frames", *page.HEADS[1:])
-        rows_shown = [cells for cells, _ in page.summary(found, kind)]
-        say("", *table_lines(heads, rows_shown, [place > 1 for place in range(len(heads))]))
-    say("", *found.notes, f"page: {written}")
+    say_wrapped(validation.answer)
+    for kind in validation.auc:
+        say("")
+        _say_table(f"{kind} frames", summary(validation.of(kind)))
+    say("", *notes)
+
+
+def _write(comparisons: Sequence[Comparison], facts: dict[str, Any], output: Path | None) -> dict[str, Any]:
+    """Write validation.csv and validation.json, if there is a folder; return what the latter holds."""
+    from blurnoise_eval.system.files import check_outputs, write_records
+
+    rows = [comparison.row() for comparison in comparisons]
+    document = {**facts, "rows": rows}
+    if output:
+        check_outputs(output, "validation.csv", "validation.json")
+        output.mkdir(parents=True, exist_ok=True)
+        write_records("validation", rows, document, output)
+        document = {"output": str(output), **document}
+    return document
+
+
+def _say_table(title: str, rows: Sequence[tuple[Sequence[str], str]]) -> None:
+    from blurnoise_eval.measure.comparison import HEADS
+
+    heads = (title, *HEADS[1:])
+    say(*table_lines(heads, [cells for cells, _ in rows], [column > 1 for column in range(len(heads))]))

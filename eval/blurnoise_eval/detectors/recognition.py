@@ -253,7 +253,7 @@ def drawn_picture(side_px: int = 416) -> NDArray[np.uint8]:
     about what they mean.
     """
     from blurnoise import charts  # torch takes a second to import, and few graphs need this picture
-    from blurnoise.optics.colour import srgb_from_linear
+    from blurnoise.camera.colour import srgb_from_linear
 
     sign = charts.stop_sign(side_px / 3, height_px=side_px, width_px=side_px, background=0.18)
     coded = srgb_from_linear(sign[0]).mul(255).permute(1, 2, 0).numpy()

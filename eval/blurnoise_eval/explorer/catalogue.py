@@ -15,13 +15,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from blurnoise.optics.camera import PRESETS, Camera
+from blurnoise.camera import PRESETS, Camera
 from blurnoise_eval.datasets import Picture, read_picture, rendered_signs
 from blurnoise_eval.default_camera import default_camera, is_grey
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S
 from blurnoise_eval.detectors.opening import open_models
-from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import (
     BUILT_IN,
     GIVEN,
@@ -33,9 +32,11 @@ from blurnoise_eval.explorer.state import (
     with_figures,
 )
 from blurnoise_eval.explorer.subject import Rendered, Subject
-from blurnoise_eval.plan.axes import MOVES
+from blurnoise_eval.plan.axes import MOVES, NAMES
 from blurnoise_eval.plan.conditions import Cell
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.exposing import Frame
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 
 MOST_MEGAPIXELS = 24.0
@@ -56,8 +57,8 @@ class Catalogue:
     """What can be explored, and the state at the start.
 
     where: a picture's file, or a run's folder or file; None: rendered stop signs. images, trust: see
-    :class:`~.run.Run`. model, camera: a file, a name in the catalogue, or None for the usual one. timeout_s: of a
-    model's first answer.
+    :meth:`~blurnoise_eval.run.run.Run.open`. model, camera: a file, a name in the catalogue, or None for the usual
+    one. timeout_s: of a model's first answer.
 
     base: the state that queries are relative to. Raises ``ValueError`` or ``OSError`` for what cannot be opened.
     """
@@ -88,7 +89,7 @@ class Catalogue:
         )
         self._run: Run | None = None
         if path and (path.is_dir() or path.name == RUN_FILE):
-            self._run = Run(path if path.is_dir() else path.parent, images, trusted=trust)
+            self._run = _run_of_detectors(path if path.is_dir() else path.parent, images, trust=trust)
         elif images or trust:
             raise ValueError(f"{'images' if images else 'trust'}: needs a run")
         self._entries = {
@@ -149,7 +150,7 @@ class Catalogue:
     def controls(self, state: State) -> dict[str, Control]:
         """The controls of a state's camera and picture; a run's sliders have the values that it tested."""
         camera = self.camera(replace(state, figures=()))
-        every = controls(camera, self._run.tested if self._run else None)
+        every = controls(camera, tested_values(self._run) if self._run else None)
         if not state.picture.startswith(("sign-", f"{OF_RUN}/")):  # the targets of others are unknown
             del every[MOVES.name]
         return every
@@ -191,6 +192,22 @@ class Catalogue:
         return name
 
 
+def _run_of_detectors(folder: Path, images: str | Path | None, *, trust: bool) -> Run:
+    """A run, without its clusters: the explorer shows single pictures, and the pattern of a run may be anybody's.
+    Raises ``ValueError`` for a run of text recognisers."""
+    run = Run.open(folder, Question(cluster=""), trust=trust, images=images)
+    if any(note["kind"] != "detector" for note in run.setup.models.values()):
+        raise ValueError(f"run = {str(folder)!r}: must be a run of detectors, not of text recognisers")
+    return run
+
+
+def tested_values(run: Run) -> dict[str, list[float]]:
+    """The values that a run tested, by axis; none where it left the axis to the camera."""
+    conditions = run.plan.conditions()
+    values = {name: {at[name] for at in conditions} for name in NAMES}
+    return {name: sorted(value for value in of if value is not None) for name, of in values.items()}
+
+
 def _pictures(run: Run | None, path: Path | None) -> dict[str, Entry]:
     entries = dict[str, Entry]()
     if run is not None:
@@ -223,7 +240,7 @@ def _models(run: Run | None, model: str | Path | None, timeout_s: float) -> dict
 
     entries = dict[str, Entry]()
     if run is not None:
-        for name in run.models:
+        for name in run.setup.models:
             entries[f"{OF_RUN}/{name}"] = Entry(f"{name} (of the run)", partial(run.model, name, timeout_s))
     entries[BUILT_IN] = Entry("built-in stop-sign detector", partial(_detector, STOP_SIGN, timeout_s))
     entries[NO_MODEL] = Entry("no model", lambda: None)

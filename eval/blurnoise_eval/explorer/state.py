@@ -16,8 +16,8 @@ from urllib.parse import parse_qsl, urlencode
 
 from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.optics import figures as camera_figures
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
+from blurnoise.camera import figures as camera_figures
 from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, GAIN, MOVES, VELOCITY, Axis, number
 from blurnoise_eval.plan.conditions import Conditions
 
@@ -122,9 +122,9 @@ class State:
 def with_figures(camera: Camera, figures: Iterable[tuple[str, float]]) -> Camera:
     """``camera`` with these figures; a line time makes a global shutter roll."""
     values: dict[str, Any] = dict(figures)
-    if "row_time_s" in values and (camera.shutter == "global") == bool(values["row_time_s"]):
+    if "row_time_s" in values and (camera.sensor.shutter == "global") == bool(values["row_time_s"]):
         values["shutter"] = "rolling" if values["row_time_s"] else "global"
-    return replace(camera, **values)
+    return camera.with_figures(**values)
 
 
 def key(axis: Axis) -> str:
@@ -162,7 +162,7 @@ def _axis_of(figure: camera_figures.CameraFigure) -> Axis:
     low, high, _ = LIMITS[name]
     return Axis(
         name, f"camera.{name}", name, "", title, unit, 1.0, low, high, f"{{}} {unit}", "{}",
-        own=lambda camera: float(getattr(camera, name)), span=span,
+        own=lambda camera: float(camera.figure(name)), span=span,
     )  # fmt: skip
 
 
@@ -222,7 +222,7 @@ def _values(axis: Axis, camera: Camera) -> tuple[float, ...]:
     if axis.span is not None:
         low, high = axis.span
     elif axis is GAIN:
-        high = camera.gain_max_db
+        high = camera.sensor.gain_max_db
     elif axis.logarithmic and own > 0:
         low, high = own / 10, own * 10
     low, high = max(low, least), min(max(high, 2 * own) if math.isfinite(own) else high, most)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
@@ -17,20 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 from torch.nn.functional import avg_pool2d
 
-from blurnoise.light.conditions import middle_of
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.optics.radiometry import photoelectrons
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import srgb_from_linear
+from blurnoise.camera.radiometry import photoelectrons
+from blurnoise.light.resolved import middle_of
 from blurnoise.scene.exposure import Exposure
+from blurnoise_eval.answers.criterion import CONFIDENCE, KEPT, Criterion
 from blurnoise_eval.datasets import Picture
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.explorer.run import USUAL, Run
 from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.explorer.verdict import Point, Standard, mean_confidence
 from blurnoise_eval.plan.axes import EGO, EXPOSURE, MOVES, VELOCITY
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
-from blurnoise_eval.run.exposing import Frame, Scene, frames, snr_db
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames, snr_db
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
 from blurnoise_eval.scoring.on_picture import ModelOutput, View
@@ -39,6 +40,8 @@ PREVIEW_PX = 120_000
 """A picture of more pixels is shown smaller while a slider moves."""
 CURVE_EVERY = 8
 """A curve has a point at every eighth position of the slider."""
+_USUAL = Criterion(KEPT, kept=True)
+"""The criterion without a run, and of a run that is not judged by confidences."""
 _GREY = 0.18
 
 
@@ -51,8 +54,9 @@ class Subject:
 
     def __init__(self, picture: Picture, run: Run | None = None) -> None:
         self._name, self._run = picture.name, run
-        self._criterion = run.criterion if run else USUAL
-        self.scene = run.scene(picture) if run else Scene(picture.load(), picture=picture)
+        criterion = run.criterion if run else _USUAL
+        self._criterion = criterion if criterion.score == CONFIDENCE else _USUAL
+        self.scene = run.scene(picture) if run else PictureScene(picture.load(), picture=picture)
         self.original = self.scene.image8
         self.size = self.original.shape[0], self.original.shape[1]
         self.smaller = math.ceil(math.sqrt(self.size[0] * self.size[1] / PREVIEW_PX))
@@ -70,11 +74,11 @@ class Subject:
         return next(frames(self.scene, [cell], camera))
 
     @cached_property
-    def small(self) -> Scene:
+    def small(self) -> PictureScene:
         """The picture with its light averaged over ``smaller`` x ``smaller`` px."""
         light = avg_pool2d(self.scene.light.light, self.smaller, ceil_mode=True, count_include_pad=False)
         coded = srgb_from_linear(light)[0].clamp(0, 1).mul(65535).round().permute(1, 2, 0)
-        return Scene(coded.contiguous().numpy().astype(np.uint16))
+        return PictureScene(coded.contiguous().numpy().astype(np.uint16))
 
     def preview(self, state: State, camera: Camera) -> NDArray[np.uint8]:
         """The picture ``smaller`` times smaller, with its motion and defocus; each pixel has the noise of a
@@ -83,10 +87,10 @@ class Subject:
         if at[EGO.name] or at[MOVES.name] or self.scene.lamps is not None:
             raise ValueError("preview: needs one motion of the whole picture, and no lamps")
         slower = {name: (at[name] or 0.0) / n for name in VELOCITY}
-        defocus_px = at.exposure(camera).camera.defocus_radius_px / n
+        defocus_px = at.exposure(camera).camera.lens.defocus_radius_px / n
         shrunk = Conditions(**{**at, **slower, "defocus_radius_px": defocus_px})
         # n times fewer rows are read in the time of all, so that a rolling shutter bends the picture as much
-        slow_rows = replace(camera, row_time_s=n * camera.row_time_s)
+        slow_rows = camera.with_figures(row_time_s=n * camera.sensor.row_time_s)
         return next(frames(self.small, [Cell("preview", 0, shrunk, state.seed or 0)], slow_rows)).image
 
     def rendered(self, frame: Frame, model: Detector | None) -> Rendered:
@@ -137,8 +141,8 @@ class Found:
     def _drawn(self, output: ModelOutput) -> list[dict[str, Any]]:
         """Boxes (left, top, right, bottom), px, with kind and text: targets "found" and "missed" with their
         confidence, and "other" detections."""
-        targets = sorted(output.targets, key=lambda row: -row["width_px"] * row["height_px"])[:MOST_BOXES]
-        boxes_xyxy = [[row["x0"], row["y0"], row["x1"], row["y1"]] for row in targets]
+        targets = sorted(output.targets, key=lambda row: -row.width_px * row.height_px)[:MOST_BOXES]
+        boxes_xyxy = [row.box_xyxy for row in targets]
         detections = output.detections.leading
         drawn = []
         for box, score, class_id in zip(
@@ -152,8 +156,8 @@ class Found:
                 drawn.append({"box": box, "kind": "other", "text": text})
         del drawn[MOST_BOXES:]
         for row, box in zip(targets, boxes_xyxy, strict=True):
-            kind = "found" if row["confidence"] >= FOUND_SCORE else "missed"
-            drawn.append({"box": box, "kind": kind, "text": f"{row['confidence']:.2f}"})
+            kind = "found" if row.confidence >= FOUND_SCORE else "missed"
+            drawn.append({"box": box, "kind": kind, "text": f"{row.confidence:.2f}"})
         return drawn
 
 
@@ -191,7 +195,7 @@ class Rendered:
         white_e = photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s)
         return {
             "white_electrons": ("White", white_e, "e-"),
-            "saturation_electrons": ("Saturation", camera.saturation_e, "e-"),
+            "saturation_electrons": ("Saturation", camera.sensor.saturation_e, "e-"),
             "snr_db": ("SNR at 18 % grey", snr_db(exposure, _GREY), "dB"),
             "exposure_ms": ("Exposure", 1e3 * exposure.exposure_s, "ms"),
             "gain_db": ("Gain", exposure.gain_db, "dB"),

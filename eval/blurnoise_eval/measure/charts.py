@@ -1,16 +1,15 @@
-"""Image quality over exposure, light and motion: simulated charts, and all metrics measured on them.
+"""Image quality of simulated charts over exposure, light and motion.
 
-Domain: charts are linear reflectance; measured are the camera's digital numbers with the black level removed, before
-any development but a digital gain. Edges, patches and signs have the same two levels, so they saturate together:
-``DARK``, the grey on which Lin et al. 2024 (Sensors 24(16) 5135) place their targets, and ``BRIGHT``, the white of
-their stop signs.
+Domain: charts are linear reflectance; metrics are measured on the digital numbers of the camera without the black
+level, before development except for a digital gain. Edges, patches and signs have the same two levels, so that they
+saturate together: ``DARK``, the grey background of the targets of Lin et al. 2024 (Sensors 24(16) 5135), and
+``BRIGHT``, the white of their stop signs.
 
-Every number rests on noise of its own chart and repeat; conditions share it, and differ by physics, not by luck. It
-is available where it is in every repeat. PSNR and SSIM compare a stop sign, divided by what white would give and cut
-to [0, 1], with the scene itself; clipping is one of the differences they show.
+Each chart and repeat has its own noise, which all conditions share: conditions differ by physics, not by chance. A
+metric is available if it is available in every repeat. PSNR and SSIM compare a stop sign, divided by the signal of
+white and limited to [0, 1], with the scene; clipping is one of the differences that they measure.
 
-Motion of 1 to 2 px rings by 2 % of a step in a picture that pixels have sampled: the flag "sharpened" there is the
-simulator's doing.
+Motion of 1 to 2 px rings by 2 % of a step in a sampled picture: there, the simulator causes the flag "sharpened".
 """
 
 from __future__ import annotations
@@ -19,8 +18,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
-from operator import methodcaller
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +26,13 @@ import torch
 from torch import Tensor
 
 from blurnoise import charts, simulate
-from blurnoise.light.conditions import of_one_exposure
+from blurnoise.camera import Camera
+from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
 from blurnoise.metrics.values import BatchEstimate, Estimate
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.cameras import behind_one_filter
-from blurnoise_eval.measure.edges import Metric
+from blurnoise_eval.measure.edges import EDGE_METRICS, EdgePair, Metric, TargetSquare
 from blurnoise_eval.plan.axes import EGO, MOVES, blur_px
 from blurnoise_eval.plan.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.system.files import write_records
@@ -44,14 +41,14 @@ from blurnoise_eval.system.tables import finite
 
 DARK, BRIGHT = 0.18, 0.8
 TILT_DEG = 2.0
-"""Of both edges: an edge along the motion is blurred by its sine, at 2° by 1 px where the other is by 30 px."""
+"""Tilt of both edges: motion along an edge blurs it by the sine, at 2° by 1 px where it blurs the other by 30 px."""
 ACROSS_PX, ALONG_PX = 320, 160
 SPARE_PX = 64
-"""Of the chart, beyond each end of the edge: motion along it by up to twice this brings nothing else in."""
+"""Margin beyond each end of the edge: motion along the edge by up to twice this keeps its ends out of the region."""
 PATCH_PX = 240  # as in Lin et al., 4.1
 SIGN_PX, SIGN_PICTURE_PX = 100, 200
 TARGET_PX = 10
-"""Side of the square for the ideal observer: a stroke of a letter on a sign of 200 px."""
+"""Side of the square of the ideal observer: a stroke of a letter on a sign of 200 px."""
 WEBER, TOLERANCE = BRIGHT / DARK - 1, 0.5
 CLIPPED = "clipped"
 _WITHHELD = frozenset({CLIPPED, "noiseless", "not_finite", "no_light"})
@@ -59,21 +56,21 @@ _CLIPPED_SHARE = 0.005
 
 
 class Charts:
-    """The charts under one condition as the camera has them, a frame per repeat, measured where a metric asks."""
+    """Simulated charts under one condition, a frame per repeat; each is simulated when a metric needs it."""
 
     def __init__(self, camera: Camera, conditions: Conditions, repeats: int, seed: int) -> None:
         self._at = conditions.exposure(camera)
         self._camera, digital_db = self._at.amplified
-        self._gain, self._black = 10 ** (digital_db / 20), camera.black_level_dn
-        self._full = self._camera.saturated_dn
+        self._gain, self._black = 10 ** (digital_db / 20), camera.sensor.black_level_dn
+        self._full = self._camera.sensor.saturated_dn
         if digital_db:
             amplified_dn = math.floor((self._full - self._black) * self._gain + self._black)
-            self._full = min(camera.full_scale_dn, amplified_dn)
+            self._full = min(camera.sensor.full_scale_dn, amplified_dn)
         self._moved_px = [abs(moved) for moved in conditions.displacement_px]
         self._repeats, self._seed = repeats, seed
 
     def frames(self, name: str) -> Tensor:
-        """Digital numbers (n, 1, H, W) of a chart by its name in :func:`_scenes`, not rounded after digital gain."""
+        """Digital numbers (n, 1, H, W) of a chart of :func:`_scenes`, not rounded after digital gain."""
         dn = simulate(
             _scenes()[name].expand(self._repeats, -1, -1, -1),
             self._camera,
@@ -85,19 +82,19 @@ class Charts:
             generator=[cell_seed(self._seed, name, repeat) for repeat in range(self._repeats)],
         )
         amplified = (dn - self._black) * self._gain + self._black
-        return dn if self._gain == 1 else amplified.clamp(0.0, self._camera.full_scale_dn)
+        return dn if self._gain == 1 else amplified.clamp(0.0, self._camera.sensor.full_scale_dn)
 
     @cached_property
     def edges(self) -> tuple[list[SlantedEdge], ...]:
-        """The edge that motion along x blurs, and that which motion along y does."""
+        """The edge that motion along x blurs, and the edge that motion along y blurs."""
         levels: Any = {"full_scale": self._full, "black_level": self._black}
-        found: list[Any] = []
+        edges: list[Any] = []
         for axis, along_px in enumerate(self._moved_px[::-1]):
             dn = self.frames(("across_x", "across_y")[axis]).narrow(2 + axis, SPARE_PX, ALONG_PX)
-            found.append(slanted_edge(dn.clamp(max=self._full), **levels, seed=axis))
+            edges.append(slanted_edge(dn.clamp(max=self._full), **levels, seed=axis))
             if along_px > 2 * SPARE_PX:
-                found[axis] = [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * self._repeats
-        return tuple(found)
+                edges[axis] = [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * self._repeats
+        return tuple(edges)
 
     @cached_property
     def patches(self) -> tuple[Tensor, Tensor]:
@@ -107,12 +104,12 @@ class Charts:
 
     @cached_property
     def snr(self) -> list[BatchEstimate]:
-        """Mean over deviation of the bright and of the dark patch."""
+        """SNR of the bright and of the dark patch."""
         limits = (-self._black, self._full - self._black)
         return [patch_snr(patch, limits_dn=limits) for patch in self.patches]
 
     def of_patches(self, batch: BatchEstimate) -> list[Estimate]:
-        """Estimates of what rests on both patches, either of which may be clipped."""
+        """Estimates of a metric of both patches, missing if either is clipped."""
         bright, dark = self.snr
         clipped = bright.flags[CLIPPED] | dark.flags[CLIPPED]
         return estimates_of(replace(batch, flags={**batch.flags, CLIPPED: clipped}))
@@ -122,11 +119,11 @@ class Charts:
         return self.frames("sign").double()
 
     def of_sign(self, compare: Callable[..., Tensor]) -> list[Estimate]:
-        """A comparison of the stop sign, as a share of white, with its scene; clipping is a part of it."""
+        """Compare the stop sign, as a share of white, with its scene; clipping counts as a difference."""
         light_e = photoelectrons(self._camera, self._at.illuminance_lux, self._at.exposure_s)
-        white_dn = self._camera.system_gain_dn_per_e * self._gain * light_e
-        seen = ((self._sign - self._black) / (white_dn or math.nan)).clamp(0, 1)
-        value = compare(seen, _scenes()["sign"].double().expand_as(seen), data_range=1.0)
+        white_dn = self._camera.sensor.system_gain_dn_per_e * self._gain * light_e
+        sign = ((self._sign - self._black) / (white_dn or math.nan)).clamp(0, 1)
+        value = compare(sign, _scenes()["sign"].double().expand_as(sign), data_range=1.0)
         cut = ((self._sign >= self._full) | (self._sign <= 0)).double().mean((1, 2, 3)) > _CLIPPED_SHARE
         none = torch.full_like(value, math.nan)
         flags = {CLIPPED: cut, "no_light": torch.full_like(cut, light_e == 0)}
@@ -134,15 +131,15 @@ class Charts:
 
 
 def estimates_of(batch: BatchEstimate, withholding: Collection[str] = _WITHHELD) -> list[Estimate]:
-    """An estimate per item of a batch (n,), NaN where one of these flags is raised."""
+    """An estimate per item of a batch (n,), NaN where a flag of ``withholding`` is raised."""
     numbers = zip(batch.value.tolist(), batch.low.tolist(), batch.high.tolist(), strict=True)
     raised = {name: where.tolist() for name, where in batch.flags.items()}
-    found = []
+    estimates = []
     for index, (value, low, high) in enumerate(numbers):
         flags = frozenset(name for name, where in raised.items() if where[index])
         withheld = not flags.isdisjoint(withholding)
-        found.append(Estimate(math.nan, flags=flags) if withheld else Estimate(value, low, high, flags))
-    return found
+        estimates.append(Estimate(math.nan, flags=flags) if withheld else Estimate(value, low, high, flags))
+    return estimates
 
 
 def squared(batch: BatchEstimate) -> BatchEstimate:
@@ -151,7 +148,11 @@ def squared(batch: BatchEstimate) -> BatchEstimate:
 
 
 def mean_of(estimates: Sequence[Estimate]) -> Estimate:
-    """The mean of independent estimates of one number; NaN where one of them is, with the flags of all."""
+    """Mean of independent estimates of one number; NaN if one of them is NaN, with the flags of all.
+
+    >>> mean_of([Estimate(1.0, 0.5, 1.5), Estimate(2.0, 1.5, 2.5)]).value
+    1.5
+    """
     count = len(estimates)
     value = math.fsum(each.value for each in estimates) / count
     below = math.fsum(each.value - each.low for each in estimates) / count**1.5
@@ -160,70 +161,64 @@ def mean_of(estimates: Sequence[Estimate]) -> Estimate:
     return Estimate(value, value - below, value + above, flags)
 
 
-def _edge(axis: int, measure: Callable[[SlantedEdge], Estimate]) -> Callable[[Charts], list[Estimate]]:
-    return lambda charts: [measure(edge) for edge in charts.edges[axis]]
+def _edge_metric(metric: str, name: str, title: str, about: str, axis: int = 0) -> Metric:
+    """A metric of ``EDGE_METRICS`` for the edges across x (axis 0) or y; both are used where it needs two."""
+    base = next(entry for entry in EDGE_METRICS if entry.name == metric)
+
+    def measure_edges(charts: Charts) -> list[Estimate]:
+        pairs = zip(charts.edges[axis], charts.edges[1 - axis], strict=True)
+        return [base.of(EdgePair(*pair, TargetSquare())) for pair in pairs]
+
+    return replace(base, name=name, title=title, about=about, of=measure_edges)
 
 
-def _both(measure: Callable[..., Estimate], **how: int) -> Callable[[Charts], list[Estimate]]:
-    return lambda charts: [measure(*pair, **how) for pair in zip(*charts.edges, strict=True)]
-
-
-def _patches(measure: Callable[[Tensor, Tensor], BatchEstimate]) -> Callable[[Charts], list[Estimate]]:
-    return lambda charts: charts.of_patches(measure(*charts.patches))
+def _snri(charts: Charts) -> list[Estimate]:
+    """The target is as high as the step of the edges: a white square on grey."""
+    pairs = zip(*charts.edges, strict=True)
+    return [information.square_snr(*pair, side_px=TARGET_PX) for pair in pairs]
 
 
 def _contrast(name: str) -> Callable[[Charts], list[Estimate]]:
-    return _patches(lambda bright, dark: getattr(patch_contrast(bright, dark), name))
+    return lambda charts: charts.of_patches(getattr(patch_contrast(*charts.patches), name))
 
 
-_MTF50, _EDGE_SNR = (methodcaller("estimate", name) for name in ("mtf50", "edge_snr_db"))
-_CDP = partial(detection_probability, nominal=WEBER, tolerance=TOLERANCE)
+def _cdp(charts: Charts) -> list[Estimate]:
+    return charts.of_patches(detection_probability(*charts.patches, nominal=WEBER, tolerance=TOLERANCE))
+
+
 _UPRIGHT, _LYING = f"edge {TILT_DEG:g}° from vertical", f"edge {TILT_DEG:g}° from horizontal"
+_RADIAL = "Lin et al. eq. 7, with the blur across {} in all directions"
 _SIGN = f"{SIGN_PX} px stop sign against the scene"
 METRICS: tuple[Metric, ...] = (
-    Metric("mtf50_x", "MTF50 across x", "cycles/px", _UPRIGHT, _edge(0, _MTF50), "log"),
-    Metric(
-        "mtf50_y", "MTF50 across y", "cycles/px", f"{_LYING}, so motion along x blurs it by its sine",
-        _edge(1, _MTF50), "log",
+    _edge_metric("mtf50", "mtf50_x", "MTF50 across x", _UPRIGHT),
+    _edge_metric("mtf50", "mtf50_y", "MTF50 across y", f"{_LYING}, so motion along x blurs it by its sine", 1),
+    _edge_metric(
+        "edge_snr_db", "edge_snr_db", "Edge SNR", "20 log10(step / root of the sides' mean variance), vertical edge"
     ),
+    Metric("cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches", _contrast("cnr"), "log"),
     Metric(
-        "edge_snr_db", "Edge SNR", "dB", "20 log10(step / root of the sides' mean variance), vertical edge",
-        _edge(0, _EDGE_SNR),
-    ),
-    Metric(
-        "cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches", _contrast("cnr"), "log",
-    ),
-    Metric(
-        "patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}", 
+        "patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}",
         lambda charts: estimates_of(charts.snr[0]), "log",
     ),
     Metric(
         "patch_snr_dark", "Patch SNR, grey", "1", f"mean/deviation at reflectance {DARK:g}",
         lambda charts: estimates_of(charts.snr[1]), "log",
     ),
-    Metric(
-        "sic_radial_x", "SIC, radial, of x", "bits/px", "Lin et al. eq. 7, for the blur across x in all directions",
-        _edge(0, information.capacity_radial),
-    ),
-    Metric(
-        "sic_radial_y", "SIC, radial, of y", "bits/px", "Lin et al. eq. 7, for the blur across y in all directions",
-        _edge(1, information.capacity_radial),
-    ),
-    Metric(
-        "sic_square", "SIC, square", "bits/px", "all frequencies of the pixel grid, from both edges",
-        _both(information.capacity_square),
+    _edge_metric("sic_radial", "sic_radial_x", "SIC, radial, of x", _RADIAL.format("x")),
+    _edge_metric("sic_radial", "sic_radial_y", "SIC, radial, of y", _RADIAL.format("y"), 1),
+    _edge_metric(
+        "sic_square", "sic_square", "SIC, square", "all frequencies of the pixel grid, from both edges"
     ),
     Metric(
         "neq_0", "NEQ(0)", "quanta/px", f"mean²/variance at reflectance {BRIGHT:g}",  # white noise: its spectrum
         lambda charts: estimates_of(squared(charts.snr[0])), "log",
     ),
-    Metric(
-        "neq_integral", "NEQ, whole band", "quanta/px", "NEQ over the square of frequencies, from both edges",
-        _both(information.neq_integral), "log",
+    _edge_metric(
+        "neq_integral", "neq_integral", "NEQ, whole band", "NEQ over the square of frequencies, from both edges"
     ),
     Metric(
         "snri", f"SNRI, {TARGET_PX} px square", "1", "ideal observer, a white square on grey, from both edges",
-        _both(information.square_snr, side_px=TARGET_PX), "log",
+        _snri, "log",
     ),
     Metric(
         "michelson", "Michelson contrast", "1", "(bright - dark)/(bright + dark), even patches",
@@ -231,36 +226,36 @@ METRICS: tuple[Metric, ...] = (
     ),
     Metric(
         "cdp", "CDP", "1", f"share of pixel pairs within ±{TOLERANCE:.0%} of Weber contrast {WEBER:.3g}",
-        _patches(_CDP), "share",
+        _cdp, "share",
     ),
     Metric("psnr_db", "PSNR", "dB", _SIGN, lambda charts: charts.of_sign(psnr)),
     Metric("ssim", "SSIM", "1", _SIGN, lambda charts: charts.of_sign(ssim), "share"),
 )  # fmt: skip
-"""All that is measured: a new metric is a line here, and appears in tables, figures and maps."""
+"""The metrics of charts; a new metric is one entry, and appears in tables, figures and maps."""
 
 
 @dataclass(frozen=True)
-class Row:
-    """One metric under one condition, the mean of ``repeats``, of which ``n_available`` have a number.
+class MetricRow:
+    """One metric under one condition: the mean of ``repeats``, in ``repeats_available`` of which it is available.
 
-    at: the condition's actual number on every axis.
+    at: the value of the condition on every axis.
     """
 
     at: Mapping[str, float]
     metric: str
     estimate: Estimate
-    n_available: int
+    repeats_available: int
     repeats: int
 
     def record(self) -> dict[str, Any]:
-        """As a table's row: None for what is not available or has no interval, flags in alphabetical order."""
+        """A row of a table, with None for missing values; flags in alphabetical order."""
         return {
             **self.at,
             "blur_px": blur_px(self.at),
             "metric": self.metric,
             **{name: finite(getattr(self.estimate, name)) for name in ("value", "low", "high")},
             "flags": " ".join(sorted(self.estimate.flags)),
-            "told": self.n_available,
+            "repeats_available": self.repeats_available,
             "repeats": self.repeats,
         }
 
@@ -273,30 +268,33 @@ def measure(
     seed: int = 0,
     threads: int = 1,
     progress: Callable[[float], object] = lambda count: None,
-) -> list[Row]:
-    """Every metric under every condition, in their order; the same rows whatever the threads.
+) -> list[MetricRow]:
+    """Measure every metric under every condition, in their order, independent of the number of threads.
 
-    Of a camera with a mosaic the pixels behind its strongest filter, as if all were. ``progress`` receives 1 for
-    every condition. Raises what :func:`blurnoise.simulate` does; :func:`check` finds the same before any work.
+    A camera with a mosaic is simulated as if all pixels had its strongest filter. ``progress`` receives 1 for every
+    condition. Raises what :func:`blurnoise.simulate` does; :func:`check` raises the same before any work.
     """
     camera = behind_one_filter(camera)
 
-    def at(condition: Conditions) -> list[Row]:
+    def at(condition: Conditions) -> list[MetricRow]:
         charts, numbers = Charts(camera, condition, repeats, seed), condition.on(camera)
-        found = {metric.name: metric.of(charts) for metric in METRICS}
-        available = {name: sum(estimate.available for estimate in each) for name, each in found.items()}
-        return [Row(numbers, name, mean_of(found[name]), available[name], repeats) for name in found]
+        rows = []
+        for metric in METRICS:
+            estimates = metric.of(charts)
+            available = sum(estimate.available for estimate in estimates)
+            rows.append(MetricRow(numbers, metric.name, mean_of(estimates), available, repeats))
+        return rows
 
-    rows: list[Row] = []
+    rows: list[MetricRow] = []
     with limited_threads(1), ThreadPoolExecutor(threads) as pool:  # each condition on one core
-        for found in pool.map(at, conditions):
-            rows += found
+        for of_condition in pool.map(at, conditions):
+            rows += of_condition
             progress(1)
     return rows
 
 
 def check(camera: Camera, plan: SweepPlan) -> None:
-    """Raise ``ValueError`` for conditions that charts or the camera cannot take."""
+    """Raise ``ValueError`` for conditions that charts or the camera do not allow."""
     needed = {
         MOVES.name: "all, as a chart has no moving targets",
         EGO.name: "0, as a chart is not a road",
@@ -306,13 +304,15 @@ def check(camera: Camera, plan: SweepPlan) -> None:
             raise ValueError(f"{name}: must be {must}")
     if plan.lamps is not None:
         raise ValueError("emitters, pwm: must be left out; a chart has no lamps")
-    of_one_exposure(camera)
+    if len(camera.sensor.captures) > 1:  # a chart's metrics are of one frame's digital numbers
+        count = len(camera.sensor.captures)
+        raise ValueError(f"camera: {camera.name!r} has {count} captures; must have one for a chart")
     for conditions in plan.conditions():
         conditions.exposure(camera)
 
 
-def write(rows: Sequence[Row], camera: Camera, plan: SweepPlan, folder: Path) -> None:
-    """Write quality.csv, a row per condition and metric, and quality.json, that and its meaning; ``OSError``."""
+def write(rows: Sequence[MetricRow], camera: Camera, plan: SweepPlan, folder: Path) -> None:
+    """Write quality.csv, a row per condition and metric, and quality.json with definitions; raises ``OSError``."""
     records, about = [row.record() for row in rows], ("name", "title", "unit", "about")
     document = {
         "camera": camera.to_dict(),

@@ -1,7 +1,8 @@
-"""How well a linear classifier separates real from simulated patches: AUC 0.5 is not at all, 1 is perfectly.
+"""Classifier of patches: how well it separates real from simulated frames, as AUC (0.5 not at all, 1 perfectly).
 
-Domain: frames of levels (N, H, W), DN. It learns on one half of the picture and every other frame, and is scored on
-the other half of both (AUC, mean of all ways). Real frames against real ones are the floor that no simulation beats.
+Domain: frames (N, H, W) of several levels, DN. The classifier is trained on one half of the picture and every other
+frame, and tested on the other half of both; the AUC is the mean over all such splits. The AUC of real frames against
+real ones is the lowest that a simulation can reach.
 """
 
 from __future__ import annotations
@@ -26,38 +27,39 @@ _RIDGE = 1e-6  # of the features' covariance, whose diagonal is about 1
 
 @dataclass(frozen=True)
 class Patches:
-    """Statistics (n, 7) of patches, and of each its level, frame, place in the picture and half of the picture."""
+    """Statistics (n, 7) of patches, and the level, frame, position and half of the picture (0 or 1) of each."""
 
     features: Floats
     level: NDArray[np.int64]
     frame: NDArray[np.int64]
-    place: NDArray[np.int64]
+    position: NDArray[np.int64]
     half: NDArray[np.int64]
 
     @classmethod
     def of(cls, levels: Sequence[Floats]) -> Patches:
-        """Of the frames of each level."""
+        """The patches of the frames of each level."""
         rows = []
         for number, frames in enumerate(levels):
             down, across = (side // PATCH_PX for side in frames.shape[1:])
             cut = frames[:, : down * PATCH_PX, : across * PATCH_PX]
             split = cut.reshape(-1, down, PATCH_PX, across, PATCH_PX).swapaxes(2, 3)
             frame, y, x = np.indices((len(frames), down, across)).reshape(3, -1)
-            place, half = y * across + x, (2 * x >= across).astype(int)
-            about = np.stack([np.full_like(frame, number), frame, place, half], 1)
+            position, half = y * across + x, (2 * x >= across).astype(int)
+            about = np.stack([np.full_like(frame, number), frame, position, half], 1)
             rows.append(np.hstack([statistics(split.reshape(-1, PATCH_PX, PATCH_PX)), about]))
-        every = np.concatenate(rows)
-        return cls(every[:, :-4], *every[:, -4:].T.astype(int))
+        table = np.concatenate(rows)
+        return cls(table[:, :-4], *table[:, -4:].T.astype(int))
 
-    def where(self, chosen: NDArray[np.bool_]) -> Patches:
-        """Some of them."""
-        return Patches(*(each[chosen] for each in vars(self).values()))
+    def where(self, mask: NDArray[np.bool_]) -> Patches:
+        """The patches of a mask."""
+        return Patches(*(values[mask] for values in vars(self).values()))
 
 
 def statistics(patches: Floats) -> Floats:
-    """Of patches (n, H, W): log variance, variance of row, column and coarse means over white, correlations of
-    neighbours along x and y, and kurtosis."""
-    sites = [patches[:, y::2, x::2].mean((1, 2)) for y in (0, 1) for x in (0, 1)]  # of a mosaic
+    """Statistics (n, 7) of patches (n, H, W): log variance, variance of row, column and coarse means over that of
+    white noise, correlations of neighbours along x and y, and kurtosis."""
+    # each site of a mosaic has its own mean
+    sites = [patches[:, y::2, x::2].mean((1, 2)) for y in (0, 1) for x in (0, 1)]
     values = patches.copy()
     for number, mean in enumerate(sites):
         values[:, number // 2 :: 2, number % 2 :: 2] -= mean[:, None, None]
@@ -78,8 +80,8 @@ def statistics(patches: Floats) -> Floats:
     return np.stack(columns, 1)
 
 
-def told_apart(real: Sequence[Floats], simulated: Sequence[Floats], seed: int = 0) -> Estimate:
-    """AUC with which real frames of levels are told from simulated ones; NaN where the frames are too small."""
+def separation(real: Sequence[Floats], simulated: Sequence[Floats], seed: int = 0) -> Estimate:
+    """AUC of the classifier for real against simulated frames of levels; NaN where the frames are too small."""
     if min(real[0].shape[1:]) < PATCH_PX:
         return Estimate(math.nan)
     patches = Patches.of([*real, *simulated])
@@ -88,21 +90,21 @@ def told_apart(real: Sequence[Floats], simulated: Sequence[Floats], seed: int = 
     return _score(patches, is_real, patches.frame % 2, seed)
 
 
-def real_apart(real: Sequence[Floats], seed: int = 0) -> Estimate:
-    """AUC with which the first half of each level's real frames is told from the second half."""
+def separation_of_halves(real: Sequence[Floats], seed: int = 0) -> Estimate:
+    """AUC of the classifier for the first against the second half of the real frames of each level."""
     if min(real[0].shape[1:]) < PATCH_PX:
         return Estimate(math.nan)
     patches = Patches.of(real)
     count = np.array([len(frames) for frames in real])[patches.level]
     first = patches.frame < count // 2
     within = np.where(first, patches.frame, patches.frame - count // 2) % 2
-    kept = patches.frame < count // 2 * 2
-    return _score(patches.where(kept), first[kept], within[kept], seed)
+    used = patches.frame < count // 2 * 2  # both halves have the same number of frames
+    return _score(patches.where(used), first[used], within[used], seed)
 
 
 def _score(patches: Patches, label: NDArray[np.bool_], parity: NDArray[np.int64], seed: int) -> Estimate:
-    """The interval resamples the places of the scored patches."""
-    if len(np.unique(patches.place)) < FEWEST_PATCHES or len(np.unique(label)) < 2:
+    """Mean AUC over the splits; its interval comes from resampling the positions of the patches."""
+    if len(np.unique(patches.position)) < FEWEST_PATCHES or len(np.unique(label)) < 2:
         return Estimate(math.nan)
     features = patches.features.copy()
     for level in np.unique(patches.level):
@@ -111,34 +113,34 @@ def _score(patches: Patches, label: NDArray[np.bool_], parity: NDArray[np.int64]
         features[of_level] -= features[of_level].mean(0)
         features[of_level] /= np.where(spread > 0, spread, 1.0)
     folds = []
-    single = len(np.unique(parity)) < 2  # two frames of each kind at least, else by place alone
+    single = len(np.unique(parity)) < 2  # one frame of each kind: split by position only
     for half in (0, 1):
         for odd in (0,) if single else (0, 1):
-            learnt = (patches.half == half) & (single | (parity == odd))
-            scored = (patches.half != half) & (single | (parity != odd))
-            folds.append((features[scored] @ _direction(features[learnt], label[learnt]), scored))
+            trained = (patches.half == half) & (single | (parity == odd))
+            tested = (patches.half != half) & (single | (parity != odd))
+            folds.append((features[tested] @ _direction(features[trained], label[trained]), tested))
     random = np.random.default_rng(seed)
-    count = int(patches.place.max()) + 1
+    count = int(patches.position.max()) + 1
     resampled = []
     for draw in range(RESAMPLES + 1):
         drawn = (
             np.bincount(random.integers(count, size=count), minlength=count) if draw else np.ones(count, int)
         )
-        weight = drawn[patches.place]
+        weight = drawn[patches.position]
         resampled.append(np.mean([_auc(score, label[of], weight[of]) for score, of in folds]))
     low, high = np.quantile(resampled[1:], (0.025, 0.975))
     return Estimate(float(resampled[0]), float(low), float(high))
 
 
 def _direction(features: Floats, label: NDArray[np.bool_]) -> Floats:
-    """Of Fisher's linear discriminant, towards the labelled."""
+    """Direction of Fisher's linear discriminant, towards the labelled patches."""
     groups = features[label], features[~label]
     within = sum(np.cov(group.T) for group in groups) / 2 + _RIDGE * np.eye(features.shape[1])
     return np.asarray(np.linalg.solve(within, groups[0].mean(0) - groups[1].mean(0)))
 
 
 def _auc(score: Floats, label: NDArray[np.bool_], weight: NDArray[np.int64]) -> float:
-    """Probability that a labelled one scores more than another, each as often as its weight says."""
+    """Probability that a labelled patch scores higher than another one; weight: how often a patch counts."""
     score, label = np.repeat(score, weight), np.repeat(label, weight)
     ones = int(label.sum())
     others = len(label) - ones

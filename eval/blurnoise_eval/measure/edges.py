@@ -19,20 +19,20 @@ from blurnoise_eval.measure.linear import LinearPicture
 from blurnoise_eval.system.tables import finite
 
 LARGEST_TARGET_PX = 64
+RESAMPLES = 200
 _DOUBTS = {
     "noiseless": "there is no noise, so values relative to noise are unbounded",
     information.NOT_WHITE: "noise is not white: NEQ(0) uses its power at frequency 0; SIC, NEQ sum and SNRI "
     "assume white noise",
 }
-"""Flags of numbers, in words."""
-RESAMPLES = 200
+"""Flags of estimates, in words."""
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric: its name in tables, title and unit, what exactly it is, and how it is measured.
+    """A metric of image quality: its name in tables, title, unit, definition, and the function that measures it.
 
-    of: from what it is measured on to its estimate, or estimates, which rise with quality. scale: of its axis; a
+    of: from what is measured to an estimate, or a list of them; larger is better. scale: of its axis in figures; a
     share lies between 0 and 1.
     """
 
@@ -50,37 +50,53 @@ class Metric:
 
 
 @dataclass(frozen=True)
-class Square:
-    """A square that an ideal observer is to see: its side, px, and its Weber contrast to the region's mean level."""
+class TargetSquare:
+    """The square that the ideal observer of SNRI detects: its side, px, and its Weber contrast to the mean level.
 
-    size_px: int
-    contrast: float
+    >>> TargetSquare.parse("20,0.5")
+    TargetSquare(size_px=20, contrast=0.5)
+    """
+
+    size_px: int = 10
+    contrast: float = 0.1
 
     def __post_init__(self) -> None:
-        checks.in_range("target_size", self.size_px, 1, LARGEST_TARGET_PX)
-        checks.limited("target_contrast", self.contrast, "contrast")
+        checks.in_range("target: size", self.size_px, 1, LARGEST_TARGET_PX)
+        checks.limited("target: contrast", self.contrast, "contrast")
+
+    @classmethod
+    def parse(cls, text: str) -> TargetSquare:
+        """Read ``PX,CONTRAST``. Raises ``ValueError``."""
+        try:
+            size, contrast = text.split(",")
+            return cls(int(size), float(contrast))
+        except ValueError as error:
+            must = "must be PX,CONTRAST, such as 10,0.1"
+            raise (
+                error if str(error).startswith("target:") else ValueError(f"target = {text!r}: {must}")
+            ) from None
 
 
-class Pair(NamedTuple):
-    """An edge, one across the other axis, or the same again, and the square that an ideal observer is to see."""
+class EdgePair(NamedTuple):
+    """An edge, one of the other orientation (or the same again), and the target of the ideal observer."""
 
     edge: SlantedEdge
     second: SlantedEdge
-    target: Square
+    target: TargetSquare
 
 
-def _scalar(name: str) -> Callable[[Pair], Estimate]:
+def _scalar(name: str) -> Callable[[EdgePair], Estimate]:
     return lambda pair: pair.edge.estimate(name)
 
 
-def _of(measure: Callable[..., Estimate], edges: int) -> Callable[[Pair], Estimate]:
-    """A number of the edge, or of both in either order: seen from the side all is the same."""
+def _of(measure: Callable[..., Estimate], edges: int) -> Callable[[EdgePair], Estimate]:
+    """A function of one edge, or of both in either order."""
     return lambda pair: measure(*pair[:edges])
 
 
-def _square_snr(pair: Pair) -> Estimate:
-    # square_snr's target is as high as the mean step of both
-    level, step = (sum(each.bright + sign * each.dark for each in pair[:2]) for sign in (1, -1))
+def _square_snr(pair: EdgePair) -> Estimate:
+    # the target of square_snr is as high as the mean step of both edges
+    level, step = (sum(edge.bright + sign * edge.dark for edge in pair[:2]) for sign in (1, -1))
     scale = pair.target.contrast * level / 2 / step
     return information.square_snr(*pair[:2], side_px=pair.target.size_px) * scale
 
@@ -101,15 +117,16 @@ EDGE_METRICS: tuple[Metric, ...] = (
     ),
     Metric("snri", "SNRI", "1", "ideal observer of a square", _square_snr, "log"),
 )
-"""The numbers of a region in their order: a new one is a line here."""
+"""The metrics of an edge, in the order of tables; a new metric is one entry."""
 
 
 @dataclass(frozen=True)
-class Measured:
-    """One region. estimates: by the names of ``EDGE_METRICS``; what is not available is NaN, and ``doubts`` say why.
+class MeasuredEdge:
+    """The edge in one region. estimates: by the names of ``EDGE_METRICS``, NaN if missing.
 
-    second: the number of the region whose edge crosses the other axis, for what needs both directions; None where
-    there is none, and the blur is taken for the same both ways. doubts: flags in words.
+    second: the number of the region with an edge of the other orientation, for metrics that need both directions;
+    None where there is none, and the blur is assumed to be the same in both. doubts: the flags of the edge
+    and its estimates, in words.
     """
 
     number: int
@@ -120,7 +137,7 @@ class Measured:
     doubts: tuple[str, ...]
 
     def row(self) -> dict[str, Any]:
-        """All of it by plain names, None for what is not available, or for an end of an interval that is open."""
+        """Plain values for a file, None for missing values and unbounded ends of intervals."""
         row: dict[str, Any] = {"region": self.number}
         row |= zip(("left_px", "top_px", "width_px", "height_px"), self.roi, strict=True)
         row |= {"orientation": self.edge.orientation, "bright_side": self.edge.bright_side}
@@ -131,14 +148,14 @@ class Measured:
         return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
 
 
-def found_regions(light: LinearPicture) -> list[Roi]:
-    """The regions of ``light`` that hold a usable slanted edge.
+def detected_regions(picture: LinearPicture) -> list[Roi]:
+    """Detect the regions of a picture that contain a usable slanted edge.
 
-    Raises ``ValueError`` that says what was looked for where there is none.
+    Raises ``ValueError`` with the requirements, and the reasons why lines were rejected, if there is none.
     """
-    found = find_edges(light)
+    found = find_edges(picture)
     if not found.rois:
-        reasons = "; ".join(f"{count} x {flag.value}" for flag, count in found.turned_down.items())
+        reasons = "; ".join(f"{count} x {flag.value}" for flag, count in found.rejected.items())
         raise ValueError(
             f"image: no slanted edge can be measured; needs straight edges of {SHORTEST_PX} px or more, tilted by "
             f"at most {STEEPEST_DEG:g} degrees from rows or columns, with uniform sides that are not clipped "
@@ -148,28 +165,28 @@ def found_regions(light: LinearPicture) -> list[Roi]:
 
 
 def measure(
-    light: LinearPicture, rois: Sequence[Roi], *, mode: Mode = "exact", target: Square | None = None
-) -> list[Measured]:
-    """Measure the edge in each region; those that cannot be measured have flags in place of numbers.
+    picture: LinearPicture, rois: Sequence[Roi], *, mode: Mode = "exact", target: TargetSquare | None = None
+) -> list[MeasuredEdge]:
+    """Measure the edge in each region; regions that cannot be measured have flags in place of numbers.
 
     Raises ``ValueError`` for a region outside the picture or below 8 x 8 px.
     """
-    edges = [light.edge(roi, mode, RESAMPLES) for roi in rois]
+    edges = [picture.edge(roi, mode, RESAMPLES) for roi in rois]
     measured = []
     for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
         second = _second(index, rois, edges)
-        pair = Pair(edge, edge if second is None else edges[second], target or Square(10, 0.1))
+        pair = EdgePair(edge, edge if second is None else edges[second], target or TargetSquare())
         estimates = {metric.name: metric.of(pair) for metric in EDGE_METRICS}
         flags = frozenset[str]().union(*(estimate.flags for estimate in estimates.values()))
         doubts = [flag.value for flag in Flag if flag in edge.flags]
         doubts += [text for flag, text in _DOUBTS.items() if flag in flags]
         across = None if second is None else second + 1
-        measured.append(Measured(index + 1, roi, edge, across, estimates, tuple(doubts)))
+        measured.append(MeasuredEdge(index + 1, roi, edge, across, estimates, tuple(doubts)))
     return measured
 
 
 def _second(index: int, rois: Sequence[Roi], edges: Sequence[SlantedEdge]) -> int | None:
-    """The nearest region with an edge across the other axis."""
+    """Index of the nearest region with an edge of the other orientation."""
     centres = [(left + width / 2, top + height / 2) for left, top, width, height in rois]
     others = [
         (math.dist(centres[index], centres[other]), other)
@@ -179,26 +196,30 @@ def _second(index: int, rois: Sequence[Roi], edges: Sequence[SlantedEdge]) -> in
     return min(others)[1] if others and not math.isnan(edges[index].bright) else None
 
 
-def reading_text(reading: Estimate) -> str:
-    """'0.09882 (0.0981–0.0995)', '?' behind the number if it is flagged, or a dash if there is no number."""
-    if not reading.available:
+def estimate_text(estimate: Estimate) -> str:
+    """The number with its interval; '?' marks a flagged number, a dash a missing one.
+
+    >>> estimate_text(Estimate(0.098823, 0.098112, 0.09951, frozenset({"sharpened"})))
+    '0.09882? (0.0981–0.0995)'
+    """
+    if not estimate.available:
         return "-"
-    doubted = "?" if reading.flags else ""
-    return f"{_number(reading.value, 4)}{doubted} ({_number(reading.low, 3)}–{_number(reading.high, 3)})"
+    doubted = "?" if estimate.flags else ""
+    return f"{_number(estimate.value, 4)}{doubted} ({_number(estimate.low, 3)}–{_number(estimate.high, 3)})"
 
 
 def _number(value: float, digits: int) -> str:
     return f"{value:.0f}" if 100 <= abs(value) < 1e9 else f"{value:.{digits}g}"
 
 
-def angle_text(region: Measured) -> str:
-    """The edge's angle and its bright side, or a dash for none."""
+def angle_text(region: MeasuredEdge) -> str:
+    """Angle and bright side of the edge, or a dash."""
     edge = region.edge
     return "-" if edge.orientation is None else f"{edge.angle_deg:.2f}, bright {edge.bright_side}"
 
 
-def second_text(region: Measured) -> str:
-    """The blur across the edge's other axis that the SNRI is made with."""
+def second_text(region: MeasuredEdge) -> str:
+    """The edge of the other orientation that SIC square and SNRI use."""
     if region.edge.orientation is None:
         return "-"
     return "same blur both ways" if region.second is None else f"edge {region.second}"

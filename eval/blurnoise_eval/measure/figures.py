@@ -1,7 +1,7 @@
-"""Every metric of simulated charts against exposure (ms), as small multiples; and the edges of a picture, measured.
+"""Figures: metrics of simulated charts against exposure (ms) as small multiples, and the measured edges of a picture.
 
-A number that is not available is a gap in its line, with a cross in the line's colour at the panel's foot. Of a
-picture: its numbered regions, and of the first few the edge, ESF, LSF and SFR; frequencies in cycles/px.
+A missing value is a gap in the line, with a cross in its colour at the bottom of the panel. The figure of a picture
+shows the numbered regions, and ESF, LSF and SFR of the first few; frequencies in cycles/px.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from blurnoise.optics.colour import srgb_from_linear
-from blurnoise_eval.measure.charts import CLIPPED, METRICS, Row
-from blurnoise_eval.measure.edges import Measured
+from blurnoise.camera.colour import srgb_from_linear
+from blurnoise_eval.measure.charts import CLIPPED, METRICS, MetricRow
+from blurnoise_eval.measure.edges import MeasuredEdge
 from blurnoise_eval.measure.linear import LinearPicture
 from blurnoise_eval.plan.axes import SETTING, axis, setting_of, velocity_of, velocity_text
 from blurnoise_eval.plots import style
@@ -29,15 +29,15 @@ from blurnoise_eval.system.terminal import plain
 
 SATURATED = "#f0a050"
 _LEAST = 1e-12
-"""Where a logarithmic axis draws the end of an interval at 0."""
+"""Drawn in place of 0, the lower end of some intervals, on a logarithmic axis."""
 _COLUMNS = 4
 MOST_EDGES = 4
 _LINE, _USABLE, _NOT = style.COLOURS[0], style.COLOURS[2], style.COLOURS[1]
 _WIDTH_IN, _ROW_IN, _TALLEST_IN = 12.0, 2.5, 7.0
 
 
-def write(rows: Sequence[Row], camera: str, folder: Path) -> list[Path]:
-    """Write exposure-LUXlux.png per setting, with the other axes that vary in its name; raises ``OSError``."""
+def write(rows: Sequence[MetricRow], camera: str, folder: Path) -> list[Path]:
+    """Write exposure-LUXlux.png for each setting; further axes that vary are in the name. Raises ``OSError``."""
     folder.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
     lights = [
@@ -46,16 +46,16 @@ def write(rows: Sequence[Row], camera: str, folder: Path) -> list[Path]:
     for setting in sorted({setting_of(row.at) for row in rows}):
         alike = [row for row in rows if setting_of(row.at) == setting]
         values = [(axis(name), alike[0].at[name]) for name in lights]
-        title = f"{plain(camera)}, {', '.join(each.text(at) for each, at in values)}"
+        title = f"{plain(camera)}, {', '.join(of.text(at) for of, at in values)}"
         figure = against_exposure(alike, title)
-        path = folder / f"exposure-{'-'.join(each.slug(at) for each, at in values)}.png"
+        path = folder / f"exposure-{'-'.join(of.slug(at) for of, at in values)}.png"
         written.append(path if path not in written else path.with_stem(f"{path.stem}-{len(written)}"))
         write_figure(written[-1], figure, dpi=120)
     return written
 
 
-def against_exposure(rows: Sequence[Row], title: str) -> Figure:
-    """Rows of one setting: a panel per metric, a line per velocity; where any line saturates is shaded."""
+def against_exposure(rows: Sequence[MetricRow], title: str) -> Figure:
+    """A panel per metric and a line per velocity for the rows of one setting; saturated exposures are shaded."""
     velocities = sorted({velocity_of(row.at) for row in rows}, key=lambda v: (math.hypot(*v), v))
     velocities = style.spread(velocities, style.MAX_LINES)
     colours = style.line_colours("viridis", len(velocities))
@@ -88,19 +88,19 @@ def against_exposure(rows: Sequence[Row], title: str) -> Figure:
     return figure
 
 
-def _shade(axes: Axes, rows: Sequence[Row]) -> None:
-    """Shade the exposures at which any row saturates, half-way to their neighbours."""
-    places = sorted({1e3 * row.at["exposure_s"] for row in rows})
+def _shade(axes: Axes, rows: Sequence[MetricRow]) -> None:
+    """Shade the exposures at which a row saturates, up to half-way to their neighbours."""
+    exposures = sorted({1e3 * row.at["exposure_s"] for row in rows})
     saturated = {1e3 * row.at["exposure_s"] for row in rows if CLIPPED in row.estimate.flags}
-    ends = np.array([places[0] / 1.44, *places, places[-1] * 1.44])
+    ends = np.array([exposures[0] / 1.44, *exposures, exposures[-1] * 1.44])
     ends = np.sqrt(ends[1:] * ends[:-1])
     axes.set_xlim(ends[0], ends[-1])
-    for place, low, high in zip(places, ends[:-1], ends[1:], strict=True):
-        if place in saturated:
+    for exposure, low, high in zip(exposures, ends[:-1], ends[1:], strict=True):
+        if exposure in saturated:
             axes.axvspan(low, high, color=SATURATED, alpha=0.22, lw=0, zorder=0)
 
 
-def _line(axes: Axes, rows: Sequence[Row], colour: str, number: int) -> None:
+def _line(axes: Axes, rows: Sequence[MetricRow], colour: str, number: int) -> None:
     x = np.array([1e3 * row.at["exposure_s"] for row in rows])
     ends = [(row.estimate.value, row.estimate.low, row.estimate.high) for row in rows]
     values, low, high = np.reshape(ends, (-1, 3)).T
@@ -117,10 +117,10 @@ def _line(axes: Axes, rows: Sequence[Row], colour: str, number: int) -> None:
     axes.plot(x[flagged], values[flagged], "o", mfc="white", mec=colour, ms=4.2, zorder=4)
 
 
-def draw_regions(light: LinearPicture, measured: Sequence[Measured]) -> Figure:
-    """The picture, its brightest white, above three panels for each of the first ``MOST_EDGES`` regions."""
+def draw_regions(picture: LinearPicture, measured: Sequence[MeasuredEdge]) -> Figure:
+    """The picture, scaled to its brightest pixel, above three panels for each of the first ``MOST_EDGES`` regions."""
     shown = measured[:MOST_EDGES]
-    above = (light.picture - light.black_level).clamp_min(0)
+    above = (picture.picture - picture.black_level).clamp_min(0)
     white = srgb_from_linear(above / above.max().clamp_min(1e-12))
     coded = np.asarray(white.expand(3, -1, -1).permute(1, 2, 0), np.float32)
     picture_in = min(_TALLEST_IN, 0.85 * _WIDTH_IN * coded.shape[0] / coded.shape[1])
@@ -138,12 +138,12 @@ def draw_regions(light: LinearPicture, measured: Sequence[Measured]) -> Figure:
         whole.text(left + width / 2, top + height / 2, str(region.number), **tag)
     whole.set_title(f"regions: {len(measured)}; below: 1 to {len(shown)}", fontsize=10)
     for row, region in enumerate(shown, start=1):
-        _draw_edge([figure.add_subplot(grid[row, column]) for column in range(3)], region, light.unit)
+        _draw_edge([figure.add_subplot(grid[row, column]) for column in range(3)], region, picture.unit)
     return figure
 
 
-def _draw_edge(panels: Sequence[Axes], region: Measured, unit: str) -> None:
-    """Edge spread, line spread and response of one region, or why it has none."""
+def _draw_edge(panels: Sequence[Axes], region: MeasuredEdge, unit: str) -> None:
+    """Edge spread, line spread and response of one region, or the reason why they are missing."""
     edge, (esf, lsf, response) = region.edge, panels
     if not edge.sfr.numel():
         for axes in panels:

@@ -1,9 +1,10 @@
 """Detection of slanted edges in a picture of a chart or of any scene.
 
-Domain: linear pictures, finite. A line detector proposes, :func:`slanted_edge` and a check of
-what lies beside the edge decide, and each region grows while both agree. Regions are (left, top, width, height), px.
+Domain: linear pictures, finite. A line detector proposes edges; :func:`slanted_edge` and a check of the area beside
+the edge accept or reject them; each region grows as long as both accept it. Regions are (left, top, width, height),
+px.
 
-An edge nearer to horizontal is handled in the transposed picture, so that below every edge runs down its region.
+Edges nearer to horizontal are handled in the transposed picture, so that every edge below runs from top to bottom.
 """
 
 from __future__ import annotations
@@ -24,38 +25,40 @@ from blurnoise.metrics.values import Roi
 from blurnoise_eval.measure.linear import LinearPicture
 
 SHORTEST_PX = 24
-"""Below it an edge has too few rows for a number worth printing."""
+"""Shorter edges have too few rows for a useful result."""
 STEEPEST_DEG = 35.0
-"""Off the rows or columns: beyond it the region would be mostly corners."""
-MOST = 24  # regions reported of one picture, the largest ones
+"""Largest angle to the rows or columns: beyond it the region would be mostly corners."""
+MOST = 24  # regions of a picture, the largest ones
 UNUSABLE = WITHHELD | {Flag.TOO_FEW_PHASES, Flag.NOISE_DOMINATED}
 
 _STEEPEST = math.tan(math.radians(STEEPEST_DEG))
-_FINEST_PX = 2048  # longer side in which lines are looked for; coarser by factors of 2, for wide blurs
+_FINEST_PX = (
+    2048  # longer side of the picture for line detection; also coarser by factors of 2, for wide blurs
+)
 _COARSEST_PX = 100
-_TRIALS = 160  # lines looked into, longest first
-_WIDTHS_PX = (10, 16, 25, 40, 64, 100)  # beside the edge, at first the same on both sides
+_TRIALS = 160  # lines that are tried, longest first
+_WIDTHS_PX = (10, 16, 25, 40, 64, 100)  # of the area on each side of the edge
 _GROWTH = 1.4
-_REACHES = 6  # of the blur, that a side is wide enough for every window
-_END_PX = 4  # cut off either end of a line, where its corner begins
+_REACHES = 6  # widths of the blur, enough for every window of the measurement
+_END_PX = 4  # removed at both ends of a line, where corners begin
 _BLOCK_PX = 5
-_UNEVEN = 0.15  # share of the step by which a block may stand off the edge's shape
+_UNEVEN = 0.15  # share of the step by which a block may differ from the profile of the edge
 
 Segment = tuple[float, float, float, float]
 """x0, y0, x1, y1 of a line, px, y0 < y1."""
 
 
 @dataclass(frozen=True)
-class Found:
-    """rois: the ``MOST`` largest regions, top to bottom. turned_down: lines that are no usable edge, by reason."""
+class DetectedEdges:
+    """rois: the ``MOST`` largest regions, top to bottom. rejected: numbers of unusable lines, by reason."""
 
     rois: list[Roi]
-    turned_down: Mapping[Flag, int]
+    rejected: Mapping[Flag, int]
 
 
 @dataclass(frozen=True)
 class _Box:
-    """A region about a line that runs down it: rows top to bottom, and what it holds beside the line, px."""
+    """A region around a line from top to bottom: its rows, and its widths left and right of the line, px."""
 
     line: Segment
     top: float
@@ -64,7 +67,7 @@ class _Box:
     right: float = 0.0
 
     def roi(self, height: int, width: int) -> Roi | None:
-        """As far as the picture reaches; None where that is too small."""
+        """The part of the box inside the picture; None if that is too small."""
         top, bottom = max(0, math.ceil(self.top)), min(height, math.floor(self.bottom))
         x0, y0, x1, y1 = self.line
         ends = [x0 + (x1 - x0) * (y - y0) / (y1 - y0) for y in (top, bottom)]
@@ -73,27 +76,27 @@ class _Box:
         return (left, top, right - left, bottom - top) if large_enough else None
 
 
-def find_edges(light: LinearPicture) -> Found:
-    """Look for straight edges, alone in their regions, that :func:`slanted_edge` measures.
+def find_edges(picture: LinearPicture) -> DetectedEdges:
+    """Detect straight edges that :func:`slanted_edge` can measure, each alone in its region.
 
-    Edges are ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but not so little that they
-    miss phases; regions grow as far as the sides stay even. The same picture gives the same regions.
+    Edges are ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but tilted enough to sample
+    all phases; regions grow while their sides are uniform. The same picture gives the same regions.
     """
-    kept: list[tuple[Roi, bool, Segment]] = []
+    accepted: list[tuple[Roi, bool, Segment]] = []
     reasons: Counter[Flag] = Counter()
-    frames = [_Frame(each) for each in (light, replace(light, picture=light.picture.mT))]
-    for lying, line in _lines(frames[0].plane):
-        alike = [(roi, known) for roi, other, known in kept if other == lying]
+    views = [_OrientedView(image) for image in (picture, replace(picture, picture=picture.picture.mT))]
+    for transposed, line in _lines(views[0].plane):
+        alike = [(roi, other) for roi, other_transposed, other in accepted if other_transposed == transposed]
         if any(_crosses(line, roi) for roi, _ in alike):
             continue
-        found = frames[lying].grown(line)
-        if isinstance(found, Flag):
-            reasons[found] += 1
-        elif not any(_crosses(known, found) for _, known in alike):
-            kept.append((found, lying, line))
-    rois = [(roi[1], roi[0], roi[3], roi[2]) if lying else roi for roi, lying, _ in kept]
+        region = views[transposed].grow(line)
+        if isinstance(region, Flag):
+            reasons[region] += 1
+        elif not any(_crosses(other, region) for _, other in alike):
+            accepted.append((region, transposed, line))
+    rois = [(roi[1], roi[0], roi[3], roi[2]) if transposed else roi for roi, transposed, _ in accepted]
     largest = sorted(rois, key=lambda roi: (-roi[2] * roi[3], roi))[:MOST]
-    return Found(sorted(largest, key=lambda roi: (roi[1], roi[0])), dict(reasons.most_common()))
+    return DetectedEdges(sorted(largest, key=lambda roi: (roi[1], roi[0])), dict(reasons.most_common()))
 
 
 def _crosses(line: Segment, roi: Roi) -> bool:
@@ -103,17 +106,19 @@ def _crosses(line: Segment, roi: Roi) -> bool:
     return left <= x <= left + width and top <= y <= top + height
 
 
-class _Frame:
-    """The picture, upright or transposed, as the edges in it see it."""
+class _OrientedView:
+    """The picture, upright or transposed, in which edges run from top to bottom."""
 
-    def __init__(self, light: LinearPicture) -> None:
-        self.light, self.plane = light, np.ascontiguousarray(light.grey, np.float32)
+    def __init__(self, picture: LinearPicture) -> None:
+        self.picture, self.plane = picture, np.ascontiguousarray(picture.grey, np.float32)
 
-    def grown(self, line: Segment) -> Roi | Flag:
-        """The largest region about ``line`` in which the edge can be used, or why there is none."""
+    def grow(self, line: Segment) -> Roi | Flag:
+        """The largest region around ``line`` with a usable edge, or the reason why there is none."""
         _, top, _, bottom = line
         why = []
-        for ends_px in sorted({_END_PX, max(_END_PX, (bottom - top) / 4)}):  # a blurred corner begins earlier
+        for ends_px in sorted(
+            {_END_PX, max(_END_PX, (bottom - top) / 4)}
+        ):  # blurred corners reach further in
             box, edge = self._widest(_Box(line, top + ends_px, bottom - ends_px))
             if not isinstance(edge, Flag):
                 box = self._stretched(box, float(edge.distance_px[-1]))
@@ -122,37 +127,37 @@ class _Frame:
         return why[0]
 
     def _edge_in(self, box: _Box) -> SlantedEdge | Flag:
-        """The edge in ``box``, or why it cannot be used."""
+        """The edge in ``box``, or the reason why it is not usable."""
         roi = box.roi(*self.plane.shape)
         if roi is None:
             return Flag.REGION_TOO_SMALL
-        edge = self.light.edge(roi)
+        edge = self.picture.edge(roi)
         if bad := edge.flags & UNUSABLE:
             return min(bad, key=list(Flag).index)
         return edge if edge.orientation == "vertical" and self._alone(roi, edge) else Flag.TWO_EDGES
 
     def _alone(self, roi: Roi, edge: SlantedEdge) -> bool:
-        """Whether no block of the region stands off what the edge's shape along a straight line says of it.
+        """Whether every block fits a straight edge of this profile.
 
-        Closer than the edge's own flags: a corner of the region that holds another edge changes no number yet, and
-        the corner of a blurred square passes for a slanted edge with a wider blur.
+        This is stricter than the flags of the edge: a second edge in a corner of the region changes no number yet,
+        and the corner of a blurred square looks like a slanted edge with a wider blur.
         """
         left, top, width, height = roi
         step = edge.bright - edge.dark
         values = (self.plane[top : top + height, left : left + width] - edge.dark) / step
         rising = values if edge.bright_side == "right" else values[:, ::-1]
         rows = np.arange(height)
-        # the dark part of each row ends at the edge
+        # the sum of a row is its bright part, so the rest is where the edge crosses the row
         slope, first = np.polyfit(rows, width - rising.sum(1), 1)
-        away = (np.arange(width) + 0.5 - (first + slope * rows)[:, None]) / math.hypot(1, slope)
+        distance = (np.arange(width) + 0.5 - (first + slope * rows)[:, None]) / math.hypot(1, slope)
         shape = (edge.esf.numpy() - edge.dark) / step
-        off = (rising - np.interp(away, edge.distance_px.numpy(), shape)).astype(np.float32)
+        off = (rising - np.interp(distance, edge.distance_px.numpy(), shape)).astype(np.float32)
         noise = math.sqrt(max(edge.noise_variance_dark, edge.noise_variance_bright)) / step
         blocks = cv2.blur(off, (_BLOCK_PX, _BLOCK_PX), borderType=cv2.BORDER_REFLECT)
         return bool(np.abs(blocks).max() < max(_UNEVEN, 6 * noise / _BLOCK_PX))
 
     def _widest(self, box: _Box) -> tuple[_Box, SlantedEdge | Flag]:
-        """The widest of the regions with as much on both sides, or why there is none."""
+        """The widest usable region with equal sides, or the reason why there is none."""
         best: tuple[_Box, SlantedEdge | Flag] | None = None
         why: list[Flag] = []
         for width in _WIDTHS_PX:
@@ -167,10 +172,10 @@ class _Frame:
         return best or (box, why[0])
 
     def _stretched(self, box: _Box, reach_px: float) -> _Box:
-        """``box`` moved outwards on one side after the other while the edge can be used.
+        """Move one side of ``box`` after the other outwards while the edge is usable.
 
-        reach_px: of the edge's blur. So much is cut off the ends again, at most a quarter of the length, for the
-        blur of a corner may reach there. Beside the edge there is enough at half its length, or at ``_REACHES``.
+        reach_px: of the blur. This much is removed from the ends again, at most a quarter of the length, because the
+        blur of a corner may reach there. A side needs no more than half the length, or ``_REACHES`` of the blur.
         """
         for end, sign in (("top", -1.0), ("bottom", 1.0)):
             step = sign * (_GROWTH - 1) * (box.bottom - box.top)
@@ -191,15 +196,15 @@ class _Frame:
         return box
 
     def _if_usable(self, box: _Box, **moved: Any) -> _Box | None:
-        """``box`` with other sides, where the edge in it can be used."""
+        """``box`` with other sides, if its edge is usable."""
         other = replace(box, **moved)
         return None if isinstance(self._edge_in(other), Flag) else other
 
 
 def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:
-    """Lines of a line segment detector on several scales, the longest first: whether it lies, and its ends.
+    """Lines of a line segment detector at several scales, longest first: whether it is transposed, and its ends.
 
-    The picture goes in as 8 bits of its square root, which has about the same noise everywhere.
+    The detector gets 8 bits of the square root, in which shot noise is about the same everywhere.
     """
     low, high = np.quantile(plane, [0.001, 0.999])
     if high <= low:
@@ -215,8 +220,10 @@ def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:
         small = cv2.resize(shown, size, interpolation=cv2.INTER_AREA)
         segments = detector.detect((255 * small).round().astype(np.uint8))[0]
         for x0, y0, x1, y1 in np.reshape([] if segments is None else segments, (-1, 4)) / np.float64(scale):
-            lying = bool(abs(x1 - x0) > abs(y1 - y0))
-            (top, first), (bottom, last) = sorted([(x0, y0), (x1, y1)] if lying else [(y0, x0), (y1, x1)])
+            transposed = bool(abs(x1 - x0) > abs(y1 - y0))
+            (top, first), (bottom, last) = sorted(
+                [(x0, y0), (x1, y1)] if transposed else [(y0, x0), (y1, x1)]
+            )
             if bottom - top >= SHORTEST_PX and abs(last - first) <= _STEEPEST * (bottom - top):
-                found.add((lying, (first, top, last, bottom)))
+                found.add((transposed, (first, top, last, bottom)))
     return sorted(found, key=lambda line: (line[1][1] - line[1][3], line))[:_TRIALS]

@@ -1,7 +1,7 @@
-"""Comparison of real frames with simulated frames at the same light, at levels that the fit did not use.
+"""Comparison of real frames with simulated frames of the same light, at levels that the fit did not use.
 
-Simulated is the sensor alone (:func:`blurnoise.sensor.readout.read_out`): its light has the smooth shading of the
-real mean frame, and the mean that a straight line through the other levels predicts.
+Only the sensor is simulated (:func:`blurnoise.sensor.readout.read_out`): its light has the smooth shading of the real
+mean frame, and the mean that a straight line through the other levels predicts.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import torch
 
 from blurnoise._core import rng
 from blurnoise._core.checks import integer
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PLANES
+from blurnoise.camera.radiometry import dark_electrons
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PLANES
-from blurnoise.optics.radiometry import dark_electrons
 from blurnoise.sensor.readout import read_out
 from blurnoise_eval.calibration import fit, to_camera
 from blurnoise_eval.calibration.checks import CLIPPED
@@ -30,114 +30,106 @@ from blurnoise_eval.calibration.frames import FEWEST_FLAT, Folder
 from blurnoise_eval.calibration.listing import Frame
 from blurnoise_eval.calibration.structure import Z
 from blurnoise_eval.measure import classifier
-from blurnoise_eval.measure.comparison import (
-    DIFFERS,
-    MEASURES,
-    Comparison,
+from blurnoise_eval.measure.comparison import DIFFERS, Comparison, corrected
+from blurnoise_eval.measure.statistics import (
+    MEAN,
+    STATISTICS,
+    VARIANCE,
     Floats,
-    Stack,
-    compare,
+    FrameStack,
+    Statistic,
+    compare_levels,
     compare_scatter,
-    corrected,
 )
 
-MOST_PX = 2048  # along a side: of larger frames their middle
-FEWEST_DARK = 6  # levels, from which on half of them are held out, too
+MOST_PX = 2048  # of larger frames the middle is compared, so many pixels along a side
+FEWEST_DARK = 6  # levels, from which on half of them are compared only
 FEWEST_FLAT_FITTED = 2 * FEWEST_FLAT - 1  # levels, of which every other one is fitted
-HEADLINE = ("mean", "variance")
-"""Measures by which simulated frames behave like the real ones, or differ."""
-_DIM = 0.05  # of the brightest level's signal, below which errors relative to the mean are those of the black level
+HEADLINE = (MEAN, VARIANCE)
+"""Statistics that decide whether simulated frames behave like the real ones."""
+_DIM = 0.05  # of the brightest signal: below it, relative errors of the mean are those of the black level
 
 
 @dataclass(frozen=True)
-class Pair:
-    """The frames of one level, real and simulated, (N, H, W), DN."""
+class LevelPair:
+    """The frames of one level, real and simulated."""
 
     name: str
     kind: str
-    real: Floats
-    simulated: Floats
+    real: FrameStack
+    simulated: FrameStack
 
 
 @dataclass(frozen=True)
 class Validation:
-    """What was compared with what. apart: by kind the AUC of real against simulated, and of real against real.
+    """The comparison of real with simulated frames.
 
-    fitted: of the camera that was fitted on the other levels, None where it was given. pairs: of the darkest and of
-    some flat levels, to look at.
+    fitted: the fit to the other levels, None where the camera was given. pairs: the levels that were compared. auc:
+    by kind of frames, the classifier's score for real against simulated frames, and for real against real ones.
     """
 
     camera: Camera
     fitted: Measurement | None
     comparisons: Sequence[Comparison]
-    apart: dict[str, tuple[Estimate, Estimate]]
-    pairs: Sequence[Pair]
+    auc: dict[str, tuple[Estimate, Estimate]]
+    pairs: Sequence[LevelPair]
     notes: Sequence[str]
 
-    def of(self, measure: str, kind: str) -> list[Comparison]:
-        """The comparisons of a measure, level by level."""
-        return [each for each in self.comparisons if (each.measure.name, each.kind) == (measure, kind)]
+    def of(self, kind: str, measure: str | None = None) -> list[Comparison]:
+        """The comparisons of dark or flat frames, of all measures or one, level by level."""
+        return [
+            comparison
+            for comparison in self.comparisons
+            if comparison.kind == kind and measure in (None, comparison.measure.name)
+        ]
 
-    def largest(self, measure: str, kind: str = "flat") -> float:
-        """Largest difference of a measure, as it is, or NaN; of flat levels, of those that are not dim."""
-        levels = self.of(measure, kind)
-        if kind == "flat":
-            levels = [each for each in levels if each.level not in self._dim]
-        apart = [each.difference for each in levels if math.isfinite(each.difference)]
-        return max(apart, key=abs, default=math.nan)
+    def largest(self, measure: str) -> float:
+        """Largest difference of a measure at flat levels that are not dim, or NaN."""
+        levels = [level for level in self.of("flat", measure) if level.level not in self._dim]
+        differences = [level.difference.value for level in levels if level.difference.available]
+        return max(differences, key=abs, default=math.nan)
 
     @property
     def _dim(self) -> set[str]:
-        """Flat levels, of which errors say little about the camera."""
-        signal = {
-            pair.name: float(pair.real.mean()) - self.camera.black_level_dn
-            for pair in self.pairs
-            if pair.kind == "flat"
-        }
+        """Flat levels whose relative errors say little about the camera."""
+        flat = [pair for pair in self.pairs if pair.kind == "flat"]
+        signal = {pair.name: pair.real.mean_dn - self.camera.sensor.black_level_dn for pair in flat}
         brightest = max(signal.values(), default=0.0)
-        return {name for name, each in signal.items() if each < _DIM * brightest}
+        return {name for name, level in signal.items() if level < _DIM * brightest}
 
     @property
     def answer(self) -> str:
         """The first sentences: largest differences, significant differences, and the result of the classifier."""
-        differ = any(each.verdict == DIFFERS for each in self.comparisons if each.measure.name in HEADLINE)
-        verb = "differ from" if differ else "behave like"
-        held = "levels" if self.fitted is None else "held-out levels"
+        decisive = [level for level in self.comparisons if level.measure in HEADLINE]
+        verb = "differ from" if any(level.verdict == DIFFERS for level in decisive) else "behave like"
+        largest = {measure.name: self.largest(measure.name) for measure in HEADLINE}
+        within = [f"{name} within {100 * abs(x):.2g} %" for name, x in largest.items() if math.isfinite(x)]
         dim = len(self._dim)
-        count = len(self.of("variance", "flat")) - dim
-        close = [
-            f"{name} within {100 * abs(largest):.2g} %"
-            for name in HEADLINE
-            if math.isfinite(largest := self.largest(name))
-        ]
-        near = f"{', '.join(close)} at {count} {held}" + (f" (and {dim} dim ones)" if dim else "")
-        rest = [self._differing(kind) for kind in ("flat", "dark")]
-        rest = [text for text in rest if text]
-        beyond = (
-            f"Significant differences: {'; '.join(rest)}" if rest else "There are no significant differences"
-        )
+        count = len(self.of("flat", VARIANCE.name)) - dim
+        levels = f"{count} {'levels' if self.fitted is None else 'held-out levels'}"
+        levels += f" (and {dim} dim ones)" if dim else ""
+        text = f"Simulated frames {verb} the real frames: {', '.join(within)} at {levels}. "
+        significant = "; ".join(filter(None, map(self._differing, ("flat", "dark"))))
+        text += f"Significant differences: {significant}." if significant else ""
+        text += "" if significant else "There are no significant differences."
         scores = [
             f"{separation.value:.2f} on {kind} frames ({floor.value:.2f} for real frames among themselves)"
-            for kind, (separation, floor) in self.apart.items()
+            for kind, (separation, floor) in self.auc.items()
             if separation.available
         ]
-        classifier = (
-            f" A classifier separates them with AUC {' and '.join(scores)}; 0.5 means not at all."
-            if scores
-            else ""
-        )
-        return f"Simulated frames {verb} the real frames: {near}. {beyond}.{classifier}"
+        if scores:
+            text += f" A classifier separates them with AUC {' and '.join(scores)}; 0.5 means not at all."
+        return text
 
     def _differing(self, kind: str) -> str:
-        """What differs, and at how many levels; the octaves of spectra together."""
-        by_name: dict[str, list[Comparison]] = {}
-        for each in self.comparisons:
-            name = "octaves of spectra" if each.measure.octave else each.measure.title.split(", DN")[0]
-            by_name.setdefault(name, []).extend([each] * (each.kind == kind))
-        counts = []
-        for name, of in by_name.items():
-            differing = sum(each.verdict == DIFFERS for each in of)
-            counts += [f"{name} ({differing} of {len(of)})"] * (differing > 0)
+        """Measures that differ, and at how many levels; the octaves of spectra count together."""
+        verdicts: dict[str, list[bool]] = {}
+        for comparison in self.of(kind):
+            measure = comparison.measure
+            octave = isinstance(measure, Statistic) and measure.octave
+            name = "octaves of spectra" if octave else measure.title.split(", DN")[0]
+            verdicts.setdefault(name, []).append(comparison.verdict == DIFFERS)
+        counts = [f"{name} ({sum(of)} of {len(of)})" for name, of in verdicts.items() if any(of)]
         return f"on {kind} frames {', '.join(counts)}" if counts else ""
 
 
@@ -145,10 +137,10 @@ def validate(
     folder: Path, camera: Camera | None = None, *, base: str = "imx250", layout: RawLayout | None = None,
     cfa: str | None = None, seed: int = 0,
 ) -> Validation:  # fmt: skip
-    """Compare the frames of ``folder`` with simulated ones; without a camera one is fitted on every other level.
+    """Compare the frames of ``folder`` with simulated ones; without a camera, one is fitted to every other level.
 
-    Compared are levels of the lowest gain; of a mosaic its green pixels, as :func:`.fit.measure` takes them. Raises
-    ``ValueError`` for frames that cannot be used, as that does.
+    Compared are the levels of the lowest gain; of a mosaic the green pixels, as :func:`.fit.measure` takes them.
+    Raises ``ValueError`` for frames that cannot be used, as that does.
     """
     seed = integer("seed", seed, 0, rng.LAST_SEED)
     every = Folder(folder, layout, cfa)
@@ -156,65 +148,70 @@ def validate(
     files, fitted = every.at_gain(lowest_db), None
     if len(every.gains_db) > 1:
         notes.append(f"the frames have several gains; those at {lowest_db:g} dB are compared")
-    dark, flat = files.dark, files.flat
-    lit = flat
+    levels, lit = [*files.dark, *files.flat], files.flat
     if camera is None:
-        few = f"frames: {len(flat)} flat levels; must be {FEWEST_FLAT_FITTED} or more without --camera"
-        refuse(len(flat) < FEWEST_FLAT_FITTED, f"{few}, as a camera is fitted on every other one")
-        half = copy(files)
-        half.flat, flat = flat[::2], flat[1::2]
-        if len(dark) >= FEWEST_DARK:
-            half.dark, dark = dark[::2], dark[1::2]
-        else:
-            notes.append("the dark levels were also used for the fit")
+        half, levels, note = _split(files)
+        notes += note
         fitted = fit.measure(half)
         camera = to_camera.camera_of(fitted, "fitted on every other level", base=base)
         lit = half.flat
     else:
-        unlike = f"camera = {camera.name}: has the colour filters {camera.cfa}, but the frames have none"
-        refuse(
-            files.place is None and camera.cfa not in PLANES, f"{unlike}; use another camera, or set --cfa"
+        unlike = (
+            f"camera = {camera.name}: has the colour filters {camera.sensor.cfa}, but the frames have none"
         )
+        mono = files.place is None and camera.sensor.cfa not in PLANES
+        refuse(mono, f"{unlike}; use another camera, or set --cfa")
         camera = _at_gain(camera, lowest_db)
-    light = _Light(camera, [(frames[0], _frames(files, frames)) for frames in lit])
+    light = _LightLine(camera, [(frames[0], _frames(files, frames)) for frames in lit])
     if not light.fitted:
         notes.append("the light is taken from the mean of each level, so the means are not compared")
-    pairs, found = [], list[Comparison]()
-    stacks: dict[str, list[tuple[Stack, Stack]]] = {"dark": [], "flat": []}
-    means = [[float(plane.mean()) for plane in files.planes(frames)] for frames in files.dark]
-    freedom = sum(len(level) - 1 for level in means)
-    wandering = math.sqrt(sum(float(np.var(level)) * len(level) for level in means) / freedom)
-    for frames in (*dark, *flat):
-        first, planes = frames[0], _frames(files, frames)
+    uncertainty = _Uncertainty(camera, light, fitted, _dark_scatter(files))
+    pairs, comparisons = list[LevelPair](), list[Comparison]()
+    for level in levels:
+        first, planes = level[0], _frames(files, level)
         name = f"{first.kind} {first.exposure_s * 1e3:g} ms"
-        if (planes >= camera.clip_dn).mean() > CLIPPED:
+        if (planes >= camera.sensor.clip_dn).mean() > CLIPPED:
             notes.append(f"{name}: is clipped and not compared")
             continue
-        real = Stack(planes)
-        taken = _simulated(camera, first, real, light, seed)
-        simulated = Stack(taken)
-        pairs.append(Pair(name, first.kind, planes, taken))
-        stacks[first.kind].append((real, simulated))
-        errors = _errors(camera, first, simulated, light, fitted, wandering)
-        level = compare(name, first.kind, real, simulated, errors)
-        found += level if light.fitted or first.kind == "dark" else level[1:]
-    refuse(not stacks["flat"], "frames: all flat levels are clipped; one or more must be below saturation")
-    if stacks["dark"]:
-        found.append(compare_scatter("dark", *zip(*stacks["dark"], strict=True)))
-    apart = {}
-    for kind in stacks:
-        both = [(pair.real, pair.simulated) for pair in pairs if pair.kind == kind]
-        if both:
-            real_frames, simulated_frames = zip(*both, strict=True)
-            tell = classifier.told_apart(real_frames, simulated_frames, seed)
-            apart[kind] = (tell, classifier.real_apart(real_frames, seed))
-    return Validation(camera, fitted, corrected(found), apart, pairs, notes)
+        real = FrameStack(planes)
+        simulated = FrameStack(_simulated(camera, first, real, light, seed))
+        pairs.append(LevelPair(name, first.kind, real, simulated))
+        errors = uncertainty.of(simulated, first.kind)
+        found = compare_levels(real, simulated, errors, kind=first.kind, level=name)
+        # without a line of light, the simulated mean is the real one by construction
+        comparisons += found if light.fitted or first.kind == "dark" else found[1:]
+    by_kind = {kind: [pair for pair in pairs if pair.kind == kind] for kind in ("dark", "flat")}
+    refuse(not by_kind["flat"], "frames: all flat levels are clipped; one or more must be below saturation")
+    if dark := by_kind["dark"]:
+        stacks = [pair.real for pair in dark], [pair.simulated for pair in dark]
+        comparisons.append(compare_scatter(*stacks, "dark"))
+    auc = {kind: _separation(of_kind, seed) for kind, of_kind in by_kind.items() if of_kind}
+    return Validation(camera, fitted, corrected(comparisons), auc, pairs, notes)
+
+
+def _split(files: Folder) -> tuple[Folder, list[list[Frame]], list[str]]:
+    """The half of the levels to fit, the levels to compare, and notes."""
+    few = f"frames: {len(files.flat)} flat levels; must be {FEWEST_FLAT_FITTED} or more without --camera"
+    refuse(len(files.flat) < FEWEST_FLAT_FITTED, f"{few}, as a camera is fitted on every other one")
+    half, dark = copy(files), files.dark
+    half.flat = files.flat[::2]
+    if len(dark) < FEWEST_DARK:
+        return half, [*dark, *files.flat[1::2]], ["the dark levels were also used for the fit"]
+    half.dark = dark[::2]
+    return half, [*dark[1::2], *files.flat[1::2]], []
+
+
+def _separation(pairs: Sequence[LevelPair], seed: int) -> tuple[Estimate, Estimate]:
+    """The classifier's score for real against simulated frames, and for real against real ones."""
+    real = [pair.real.frames for pair in pairs]
+    simulated = [pair.simulated.frames for pair in pairs]
+    return classifier.separation(real, simulated, seed), classifier.separation_of_halves(real, seed)
 
 
 def _at_gain(camera: Camera, lowest_db: float) -> Camera:
-    """The camera at the gain of the frames. Its own gains count from the lowest that it was measured at."""
+    """The camera at the gain of the frames, which counts from the lowest gain that the camera was measured at."""
     zero_db = to_camera.lowest_gain_db(camera)
-    highest_db = zero_db + camera.analogue_gain_max_db
+    highest_db = zero_db + camera.sensor.analogue_gain_max_db
     refuse(
         not zero_db <= lowest_db <= highest_db,
         f"frames: gain_db = {lowest_db:g}; must be {zero_db:g} to {highest_db:g} for the camera {camera.name}",
@@ -223,60 +220,70 @@ def _at_gain(camera: Camera, lowest_db: float) -> Camera:
 
 
 def _frames(files: Folder, frames: Sequence[Frame]) -> Floats:
-    """The frames of a level, or their middle; (N, H, W)."""
+    """The frames of a level (N, H, W), of large ones the middle."""
     planes = np.stack([*files.planes(frames)]).astype(np.float64)
-    top, left = (max(0, side - MOST_PX) // 4 * 2 for side in planes.shape[1:])  # even: a mosaic stays
+    top, left = (
+        max(0, side - MOST_PX) // 4 * 2 for side in planes.shape[1:]
+    )  # even, to keep a mosaic's sites
     return planes[:, top : top + MOST_PX, left : left + MOST_PX]
 
 
-class _Light:
-    """Mean electrons over photons per pixel, or exposure, as a straight line through levels; each counts equally."""
+def _dark_scatter(files: Folder) -> float:
+    """Standard deviation of the means of dark frames within their levels, DN."""
+    means = [[float(plane.mean()) for plane in files.planes(frames)] for frames in files.dark]
+    freedom = sum(len(level) - 1 for level in means)
+    return math.sqrt(sum(float(np.var(level)) * len(level) for level in means) / freedom)
+
+
+class _LightLine:
+    """Mean electrons as a straight line over photons per pixel, or over exposure time. All levels weigh the same.
+
+    scatter: relative standard deviation of the levels about the line.
+    """
 
     def __init__(self, camera: Camera, levels: Sequence[tuple[Frame, Floats]]) -> None:
         self._camera = camera
         self._photons = all(frame.photons_per_px is not None for frame, _ in levels)
         known = [
-            (self._x(frame), self.seen(frame, float(planes.mean())))
+            (self._x(frame), self._measured(frame, float(planes.mean())))
             for frame, planes in levels
-            if (planes >= camera.clip_dn).mean() <= CLIPPED
+            if (planes >= camera.sensor.clip_dn).mean() <= CLIPPED
         ]
-        x, seen = np.array(known).T if known else np.empty((2, 0))
-        used = seen > 0
+        x, electrons = np.array(known).T if known else np.empty((2, 0))
+        used = electrons > 0
         self.fitted = len(np.unique(x[used])) >= 3
         self.scatter = 0.0
         if self.fitted:
-            x, seen = x[used], seen[used]
-            self._slope, self._offset = np.polyfit(x, seen, 1, w=1 / seen)
-            freedom = len(x) - 2
-            off = seen / (self._slope * x + self._offset) - 1
-            self.scatter = math.sqrt(float((off * off).sum()) / freedom)
+            x, electrons = x[used], electrons[used]
+            self._slope, self._offset = np.polyfit(x, electrons, 1, w=1 / electrons)
+            off = electrons / (self._slope * x + self._offset) - 1
+            self.scatter = math.sqrt(float((off * off).sum()) / (len(x) - 2))
+
+    def electrons(self, frame: Frame, mean_dn: float) -> float:
+        """Mean photo-electrons of a level, by the line, or without one by the frames' own mean."""
+        if frame.kind == "dark":
+            return 0.0
+        line = self._slope * self._x(frame) + self._offset if self.fitted else self._measured(frame, mean_dn)
+        return max(0.0, float(line))
 
     def _x(self, frame: Frame) -> float:
         return float(frame.photons_per_px or 0.0) if self._photons else frame.exposure_s
 
-    def seen(self, frame: Frame, mean_dn: float) -> float:
-        """Electrons of the light behind a mean, dark charge removed."""
+    def _measured(self, frame: Frame, mean_dn: float) -> float:
+        """Electrons of a mean, without black level and dark charge."""
         camera = self._camera
-        charge = (mean_dn - camera.black_level_dn) / camera.system_gain_dn_per_e
-        return charge - dark_electrons(camera, frame.exposure_s, camera.dark_reference_c)
-
-    def electrons(self, frame: Frame, mean_dn: float) -> float:
-        """Mean electrons of a level."""
-        if frame.kind == "dark":
-            return 0.0
-        line = self._slope * self._x(frame) + self._offset if self.fitted else self.seen(frame, mean_dn)
-        return max(0.0, float(line))
+        charge = (mean_dn - camera.sensor.black_level_dn) / camera.sensor.system_gain_dn_per_e
+        return charge - dark_electrons(camera, frame.exposure_s, camera.sensor.dark_reference_c)
 
 
-def _simulated(camera: Camera, frame: Frame, real: Stack, light: _Light, seed: int) -> Floats:
+def _simulated(camera: Camera, frame: Frame, real: FrameStack, light: _LightLine, seed: int) -> Floats:
     """As many frames as there are real ones."""
     electrons = light.electrons(frame, real.mean_dn)
     shading = np.ones_like(real.mean)
     if electrons:
-        dark = camera.black_level_dn + camera.system_gain_dn_per_e * dark_electrons(
-            camera, frame.exposure_s, camera.dark_reference_c
-        )
-        shading = np.maximum(real.surface - dark, 0.0)
+        charge = dark_electrons(camera, frame.exposure_s, camera.sensor.dark_reference_c)
+        dark_dn = camera.sensor.black_level_dn + camera.sensor.system_gain_dn_per_e * charge
+        shading = np.maximum(real.surface - dark_dn, 0.0)
         shading = shading / shading.mean()
     scene = torch.from_numpy(electrons * shading).float().expand(len(real.frame_means), 1, -1, -1)
     stream = rng.derived(seed, f"validate {frame.kind} {frame.exposure_s} {electrons}")
@@ -284,69 +291,69 @@ def _simulated(camera: Camera, frame: Frame, real: Stack, light: _Light, seed: i
         scene,
         camera,
         exposure_s=frame.exposure_s,
-        temperature_c=camera.dark_reference_c,
-        fixed_pattern=camera.fixed_pattern((1, *real.mean.shape), seed),
+        temperature_c=camera.sensor.dark_reference_c,
+        fixed_pattern=camera.sensor.fixed_pattern((1, *real.mean.shape), seed),
         generator=torch.Generator().manual_seed(stream),
         fidelity="full",
     )
     return dn[:, 0].numpy().astype(np.float64)
 
 
-def _errors(
-    camera: Camera,
-    frame: Frame,
-    simulated: Stack,
-    light: _Light,
-    fitted: Measurement | None,
-    wandering_dn: float,
-) -> dict[str, float]:
-    """Standard errors of what a camera predicts: of its fit, the lamp, a wandering black level, and of so few rows
-    and columns.
+@dataclass(frozen=True)
+class _Uncertainty:
+    """Standard errors of what a camera predicts: of its fit, the lamp, a drifting black level, and of few rows and
+    columns.
 
-    Each row (column) has one fixed value, and in each frame one of noise, so the picture's own mean and variance are
-    those of H (W) values, whatever the number of pixels. wandering_dn: standard deviation of the real dark frames'
-    means within their levels.
+    Each row (column) has one fixed value, and in each frame one value of noise. So mean and variance of a picture are
+    as uncertain as those of H (W) values, whatever the number of pixels. dark_scatter_dn: standard deviation of the
+    means of dark frames within their levels.
     """
-    mean_dn, count = max(simulated.mean_dn, 1e-9), len(simulated.frame_means)
-    height, width = simulated.mean.shape
-    gain = camera.system_gain_dn_per_e
-    signal = max(0.0, mean_dn - camera.black_level_dn)
-    variance = float((simulated.noise**2).mean())
-    both = math.sqrt(2)  # the real and the simulated
-    wandering = math.hypot(wandering_dn, camera.black_level_drift_dn) / math.sqrt(count) / mean_dn
-    dark_rows, dark_columns = gain * camera.dsnu_row_e, gain * camera.dsnu_column_e
-    lit_rows, lit_columns = signal * camera.prnu_row, signal * camera.prnu_column
-    pattern = both * math.hypot(
-        math.hypot(dark_rows, lit_rows) / math.sqrt(height),
-        math.hypot(dark_columns, lit_columns) / math.sqrt(width),
-    )
-    errors = {"mean": math.hypot(wandering, pattern / mean_dn, light.scatter * (frame.kind == "flat"))}
-    if variance:
-        pairs = count // 2
-        rows, columns = (
-            math.hypot(
-                both * math.sqrt(2 / (pairs * lines)) * getattr(camera, name) ** 2,
-                _square_error(fitted, name),
-            )
-            * (gain * gain / variance)
-            for name, lines in (("row_noise_e", height), ("column_noise_e", width))
-        )
-        errors |= {"variance": math.hypot(rows, columns), "correlation_x": rows, "correlation_y": columns}
-    if fitted is None:
+
+    camera: Camera
+    light: _LightLine
+    fitted: Measurement | None
+    dark_scatter_dn: float
+
+    def of(self, simulated: FrameStack, kind: str) -> dict[str, float]:
+        """Standard errors at a level, on the scales of the differences, by the name of the statistic."""
+        gain, mean_dn = self.camera.sensor.system_gain_dn_per_e, max(simulated.mean_dn, 1e-9)
+        signal = max(0.0, mean_dn - self.camera.sensor.black_level_dn)
+        variance = float((simulated.noise**2).mean())
+        errors = {"mean": self._of_mean(simulated, signal, mean_dn, kind)}
+        if variance:
+            relative = gain * gain / variance
+            rows, columns = (self._of_lines(name, simulated) * relative for name in ("row", "column"))
+            errors |= {"variance": math.hypot(rows, columns), "correlation_x": rows, "correlation_y": columns}
+        if self.fitted is not None and variance:
+            line = self.fitted.fit.error(signal, 1.0) / variance
+            errors["variance"] = math.hypot(errors["variance"], line)
+            octaves = [measure.name for measure in STATISTICS if measure.octave]
+            errors |= {name: line for name in octaves if name.startswith("noise")}
         return errors
-    black = fitted.estimates["black_level_dn"]
-    own = (black.high - black.low) / 2 / Z / mean_dn
-    errors["mean"] = math.hypot(errors["mean"], own)
-    if variance:
-        line = fitted.fit.error(signal, 1.0) / variance
-        errors["variance"] = math.hypot(errors["variance"], line)
-        errors |= {each.name: line for each in MEASURES if each.octave and each.name.startswith("noise")}
-    return errors
 
+    def _of_mean(self, simulated: FrameStack, signal: float, mean_dn: float, kind: str) -> float:
+        """Relative standard error of the mean."""
+        sensor, (height, width) = self.camera.sensor, simulated.mean.shape
+        drift = math.hypot(self.dark_scatter_dn, sensor.black_level_drift_dn)
+        drift /= math.sqrt(len(simulated.frame_means))
+        gain = sensor.system_gain_dn_per_e
+        rows = math.hypot(gain * sensor.dsnu_row_e, signal * sensor.prnu_row) / math.sqrt(height)
+        columns = math.hypot(gain * sensor.dsnu_column_e, signal * sensor.prnu_column) / math.sqrt(width)
+        pattern = math.sqrt(2) * math.hypot(rows, columns)  # of the real and of the simulated frames
+        black_dn = 0.0
+        if self.fitted is not None:
+            black = self.fitted.estimates["black_level_dn"]
+            black_dn = (black.high - black.low) / 2 / Z
+        lamp = self.light.scatter if kind == "flat" else 0.0
+        return math.hypot(drift / mean_dn, pattern / mean_dn, black_dn / mean_dn, lamp)
 
-def _square_error(fitted: Measurement | None, name: str) -> float:
-    """Standard error of the square of a fitted figure, 0 where it was given."""
-    if fitted is None or name not in fitted.estimates:
-        return 0.0
-    figure = fitted.estimates[name]
-    return (figure.high**2 - figure.low**2) / 2 / Z
+    def _of_lines(self, lines: str, simulated: FrameStack) -> float:
+        """Standard error of the variance of row (column) noise, electrons squared, and of its fit."""
+        name, count = f"{lines}_noise_e", simulated.mean.shape[lines == "column"]
+        pairs = len(simulated.frame_means) // 2
+        noise_e = float(self.camera.figure(name))
+        sampled = math.sqrt(2) * math.sqrt(2 / (pairs * count)) * noise_e**2
+        if self.fitted is None or name not in self.fitted.estimates:
+            return sampled
+        figure = self.fitted.estimates[name]
+        return math.hypot(sampled, (figure.high**2 - figure.low**2) / 2 / Z)

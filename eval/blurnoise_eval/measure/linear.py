@@ -17,25 +17,25 @@ from torch import Tensor
 
 from blurnoise._core import checks
 from blurnoise._core.luminance import LUMINANCE
+from blurnoise.camera.colour import linear_from_srgb
 from blurnoise.metrics import SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.values import CLIPPED_SHARE, Roi
-from blurnoise.optics.colour import linear_from_srgb
 from blurnoise_eval.calibration.tone import Oecf
 from blurnoise_eval.datasets import Image
 
 Coding = Literal["auto", "srgb", "linear"]
-_UNSEEN = (
+_UNDETECTED = (
     "a tone curve that is symmetric about the middle of an edge cannot be detected; --oecf FILE removes it"
 )
-_FEWEST_LEVELS = 255  # of a converter
+_FEWEST_LEVELS = 255  # of a converter, for its full scale to be recognised
 
 
 @dataclass(frozen=True)
 class LinearPicture:
-    """A linear picture: (C, H, W) float64, what a pixel can hold at most, what it holds without light, in ``unit``.
+    """A linear picture (C, H, W) float64, with full scale and black level (the value without light) in ``unit``.
 
-    notes: what had to be assumed, a sentence each.
+    notes: assumptions, a sentence each.
     """
 
     picture: Tensor
@@ -61,11 +61,14 @@ def linear(
     picture: Image, coding: Coding = "auto", *, black_level: float | None = None, full_scale: float | None = None,
     oecf: Oecf | None = None,
 ) -> LinearPicture:  # fmt: skip
-    """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
+    """Make a picture linear. ``auto``: 8 bits are sRGB-coded, 16 bits are linear.
 
     black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture; oecf, the
-    camera's measured curve, takes the place of both and of the coding. Raises ``ValueError`` for them beside sRGB
-    coding, and for numbers that do not fit.
+    measured curve of the camera, replaces both and the coding. Raises ``ValueError`` where they are combined with
+    sRGB coding, and for numbers that do not fit the picture.
+
+    >>> linear(np.full((8, 8), 1000, np.uint16), "linear", black_level=64, full_scale=4095).grey[0, 0]
+    np.float64(936.0)
     """
     bits = 8 * picture.itemsize
     planes = torch.from_numpy(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64))
@@ -77,7 +80,7 @@ def linear(
                 f"{[*given, 'coding'][0]}: cannot be combined with --oecf, which covers all numbers"
             )
         numbers, fields = oecf
-        least, most = fields[0], fields[-1]  # beyond them as if clipped
+        least, most = fields[0], fields[-1]  # numbers beyond the scale count as clipped
         light = (np.interp(planes.numpy(), numbers, fields) - least) / (most - least)
         note = f"made linear by a grey scale of {len(fields)} fields"
         return LinearPicture(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
@@ -85,21 +88,23 @@ def linear(
     coded = coding == "srgb" or (coding == "auto" and bits == 8)
     if coding == "auto":
         coding_text = (
-            "sRGB-coded (use --linear if it is linear)"
+            "sRGB-coded (use --coding linear if it is linear)"
             if coded
-            else "linear (use --srgb if it is sRGB-coded)"
+            else "linear (use --coding srgb if it is sRGB-coded)"
         )
         notes.append(f"the picture has {bits} bits and is read as {coding_text}")
     if coded and given:
-        raise ValueError(f"{given[0]}: needs linear numbers, but the picture is read as sRGB; add --linear")
+        raise ValueError(
+            f"{given[0]}: needs linear numbers, but the picture is read as sRGB; add --coding linear"
+        )
     if coded:
         return LinearPicture(
-            linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN)
+            linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNDETECTED)
         )
     largest, most = float(planes.max()), 2.0**bits - 1
     whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
     if full_scale is None and whole and float((planes == largest).double().mean()) > CLIPPED_SHARE:
-        full_scale = largest  # that of a converter of fewer bits
+        full_scale = largest  # a converter of fewer bits, which clips there
         notes.append(f"full scale is set to {largest:g}, the value of many pixels")
     top = most if full_scale is None else checks.in_range("full_scale", full_scale, 1.0, most)
     if largest > top:
@@ -108,4 +113,4 @@ def linear(
     if full_scale is None and largest <= most / 4:
         text = f"full scale is set to {most:g}; the largest number is {largest:g}"
         notes.append(f"{text}. If the camera has fewer bits, set --full-scale to detect clipping")
-    return LinearPicture(planes, top, black, "DN", (*notes, _UNSEEN))
+    return LinearPicture(planes, top, black, "DN", (*notes, _UNDETECTED))

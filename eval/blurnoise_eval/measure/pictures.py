@@ -1,194 +1,167 @@
-"""Comparison of a simulated picture of a chart with a real one: does each quantity agree within chance?
+"""Comparison of a simulated picture of a chart with a real one: mean, noise and sharpness.
 
-Domain: two linear pictures of one size as shares of full scale, black level removed; colour as luminance. Quantities
-agree where they are no further apart than noise puts any of them in 5 of 100 comparisons (Bonferroni).
-The pictures must show the same at the same place to a few pixels.
+Domain: two linear pictures of one size, colour as luminance. They must show the same scene at the same place to a few
+pixels.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from statistics import NormalDist
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.datasets import Image
+from blurnoise_eval.measure.comparison import CANNOT_TELL, Comparison, Measure, compared, corrected
 from blurnoise_eval.measure.edges import RESAMPLES
 from blurnoise_eval.measure.find_edges import UNUSABLE, find_edges
 from blurnoise_eval.measure.linear import Coding, LinearPicture, linear
-from blurnoise_eval.system.tables import finite
 
 Floats = NDArray[np.float64]
-BLOCK_PX = 16  # side of the squares in which noise is looked for
-HEADS = ("quantity", "simulated", "real", "chance", "verdict")
+BLOCK_PX = 16  # side of the squares in which noise is measured
 MOST_LEVELS = 8
-FEWEST_BLOCKS = 4  # of a level: below, the noise is known to no better than 5 %
+FEWEST_BLOCKS = 4  # of a level: with fewer, the noise is known to no better than 5 %
 MOST_EDGES = 4
 SMALLEST_PX = 64
-_CELL_PX = 4  # mean of so many squared: structure keeps its variance there, noise loses it
-_EVEN = 2.5  # times the variance of cells that noise alone explains
+_CELL_PX = 4  # averaging over such cells keeps the variance of structure and reduces that of noise
+_EVEN = 2.5  # variance of cells over that of noise alone, below which a square counts as uniform
 _COARSEST = 4.0  # what demosaicing leaves at low frequencies; beyond it is texture
-_MISPLACED_PX = 2  # by which texture that both pictures show may lie apart
-_LEAST_NOISE = 0.8  # of a square's variance, that must be noise for it to agree
+_MISPLACED_PX = 2  # largest displacement between the pictures for which common texture is found
+_GAP = 0.01  # of full scale, between the levels of neighbouring patches
 _Z = 1.96
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """One number of both pictures. chance: the relative difference that noise makes, 95 % of them
-    or, of several quantities, of their largest; NaN: unknown. noise_share: of what is compared, noise: the rest is
-    texture, which both pictures show."""
-
-    name: str
-    unit: str
-    simulated: float
-    real: float
-    chance: float
-    noise_share: float = 1.0
-
-    @property
-    def difference(self) -> float:
-        """Of the real one, relative to the simulated one."""
-        return self.real / self.simulated - 1 if self.simulated else math.nan
-
-    @property
-    def verdict(self) -> str:
-        """In words."""
-        if not math.isfinite(self.difference) or not math.isfinite(self.chance):
-            return "cannot tell"
-        least = max(-self.chance, (1 + self.chance) ** -2 - 1)  # no chance makes any loss agree
-        if least <= self.difference <= self.chance:
-            return "agree" if self.noise_share >= _LEAST_NOISE else "cannot tell"
-        digits = ".0f" if abs(self.difference) >= 0.995 else ".2g"
-        return f"differs by {100 * self.difference:+{digits}} %"
-
-    def cells(self) -> list[str]:
-        """As ``HEADS``, within 80 columns."""
-        scale, unit = (100, " %") if self.unit == "of full scale" else (1, "")
-        numbers = [f"{scale * number:.4g}{unit}" for number in (self.simulated, self.real)]
-        chance = f"±{100 * self.chance:.2g} %" if math.isfinite(self.chance) else "-"
-        return [self.name, *numbers, chance, self.verdict]
-
-    def row(self) -> dict[str, Any]:
-        """Plain values, None for what is unknown."""
-        names = ("simulated", "real", "difference", "chance", "noise_share")
-        numbers = {name: finite(getattr(self, name)) for name in names}
-        return {"quantity": self.name, "unit": self.unit, **numbers, "verdict": self.verdict}
-
-
-def pair_of(
-    simulated: Image, real: Image, coding: Coding = "auto", **levels: Any
+def linear_pair(
+    real: Image,
+    simulated: Image,
+    coding: Coding = "auto",
+    *,
+    black_level: float | None = None,
+    full_scale: float | None = None,
 ) -> tuple[LinearPicture, LinearPicture]:
-    """Make both pictures linear in the same way. levels: of :func:`linear`.
+    """Make both pictures linear in the same way, as :func:`linear` does.
 
     Raises ``ValueError`` for other sizes or depths, pictures below 64 x 64 px, and what :func:`linear` raises.
     """
-    one, other = ("{1} x {0} px, {2} bits".format(*x.shape[:2], 8 * x.itemsize) for x in (simulated, real))
-    if one != other:
-        raise ValueError(f"simulated, real: are {one} and {other}; must have the same size and depth")
-    if min(simulated.shape[:2]) < SMALLEST_PX:
-        raise ValueError(f"simulated, real: are {one}; must be at least {SMALLEST_PX} x {SMALLEST_PX} px")
-    return linear(simulated, coding, **levels), linear(real, coding, **levels)
+    sizes = ["{1} x {0} px, {2} bits".format(*x.shape[:2], 8 * x.itemsize) for x in (real, simulated)]
+    if sizes[0] != sizes[1]:
+        raise ValueError(f"real, simulated: are {sizes[0]} and {sizes[1]}; must have the same size and depth")
+    if min(real.shape[:2]) < SMALLEST_PX:
+        raise ValueError(
+            f"real, simulated: are {sizes[0]}; must be at least {SMALLEST_PX} x {SMALLEST_PX} px"
+        )
+    one, other = (
+        linear(picture, coding, black_level=black_level, full_scale=full_scale)
+        for picture in (real, simulated)
+    )
+    return one, other
 
 
-def compare(pair: tuple[LinearPicture, LinearPicture]) -> tuple[list[Quantity], list[str]]:
-    """Mean, noise by level and MTF50 of slanted edges of both pictures; and notes."""
-    notes = list(dict.fromkeys(note for light in pair for note in light.notes))
-    shares = np.stack([light.grey / (light.full_scale - light.black_level) for light in pair])
-    noise = _noise(shares)
+def compare(real: LinearPicture, simulated: LinearPicture) -> tuple[list[Comparison], list[str]]:
+    """Compare mean, noise at each level and MTF50 of slanted edges; also returns notes, a sentence each."""
+    notes = list(dict.fromkeys([*real.notes, *simulated.notes]))
+    noise, sharpness = _compare_noise(real, simulated), _compare_sharpness(real, simulated)
     if not noise:
         notes.append("noise is not compared, as no area is uniform in both pictures")
-    for each in noise:
-        if each.noise_share < _LEAST_NOISE:
-            share = f"{100 * (1 - each.noise_share):.0f} % of the compared variance is texture of the scene"
-            notes.append(
-                f"{each.name}: {share}; use a uniform surface, or flat frames with 'blurnoise validate'"
-            )
-    sharpness = _sharpness(pair)
     if not sharpness:
         notes.append("sharpness is not compared, as no slanted edge can be measured in both pictures")
-    simulated, real = shares.mean((1, 2)).tolist()
-    # chance of the mean: by the noise of the levels alone, the same in every pixel
-    variance = sum(each.simulated**2 + each.real**2 for each in noise) / max(1, len(noise))
-    error = math.sqrt(variance / shares[0].size)
-    mean = Quantity("mean", "of full scale", simulated, real, _Z * error / abs(simulated or math.nan))
-    quantities = [mean, *noise, *sharpness]
-    wider = NormalDist().inv_cdf(1 - 0.025 / len(quantities)) / _Z  # for all of them together
-    return [replace(each, chance=wider * each.chance) for each in quantities], notes
+    means = [float(picture.grey.mean()) for picture in (real, simulated)]
+    # the noise of the levels is the only random part of the mean, independent from pixel to pixel
+    variance = sum(level.real**2 + level.simulated**2 for level in noise) / max(1, len(noise))
+    error = math.sqrt(variance / real.grey.size) / abs(means[1] or math.nan)
+    mean = compared(Measure("mean", f"mean, {real.unit}"), means[0], means[1], error)
+    comparisons = corrected([mean, *noise, *sharpness])
+    for comparison in comparisons:
+        if comparison.texture and comparison.verdict == CANNOT_TELL:
+            share = f"{100 * comparison.texture:.0f} % of the compared variance is texture of the scene"
+            advice = "use a uniform surface, or flat frames with 'blurnoise validate FRAMES'"
+            notes.append(f"{comparison.measure.title}: {share}; {advice}")
+    return comparisons, notes
 
 
-def _noise(shares: Floats) -> list[Quantity]:
-    """Noise of the squares that are even in both pictures, by level: squares of like level are parted at the widest
-    gaps of the ordered levels, as a chart's patches lie."""
-    levels, variances, even, rests = zip(*(_squares(each) for each in shares), strict=True)
-    used = np.logical_and(*even) & (np.minimum(*variances) > 0)
-    level, variance = np.mean(levels, 0)[used], np.stack(variances, 1)[used]
+class _Squares(NamedTuple):
+    """Squares of a picture: mean, variance about a plane, whether it is uniform, and the rest (n, side, side)."""
+
+    level: Floats
+    variance: Floats
+    uniform: NDArray[np.bool_]
+    rest: Floats
+
+
+def _compare_noise(real: LinearPicture, simulated: LinearPicture) -> list[Comparison]:
+    """Noise of the squares that are uniform in both pictures, level by level: the levels are separated at the widest
+    gaps, as the patches of a chart are."""
+    pair = [_squares(picture.grey) for picture in (real, simulated)]
+    used = pair[0].uniform & pair[1].uniform & (np.minimum(pair[0].variance, pair[1].variance) > 0)
+    level = np.mean([squares.level for squares in pair], 0)[used]
+    variance = np.stack([squares.variance for squares in pair], 1)[used]
+    rests = [squares.rest[used] for squares in pair]
     order = np.argsort(level, kind="stable")
     gaps = np.diff(level[order])
-    wide = np.argsort(-gaps)[: MOST_LEVELS - 1]
-    quantities = []
-    for members in np.split(order, np.sort(wide[gaps[wide] > 0.01]) + 1):
+    widest = np.argsort(-gaps)[: MOST_LEVELS - 1]
+    borders = np.sort(widest[gaps[widest] > _GAP * (real.full_scale - real.black_level)]) + 1
+    comparisons = []
+    for members in np.split(order, borders):
         if (count := len(members)) < FEWEST_BLOCKS:
             continue
-        simulated, real = np.sqrt(variance[members].mean(0)).tolist()
-        at = float(level[members].mean())
-        # chi-square of all squares' pixels, or the scatter between the squares, whichever is more: of variances
+        deviations = np.sqrt(variance[members].mean(0)).tolist()
+        # relative error of a variance: chi-square of all pixels, or the scatter of the squares, the larger of both
         scatter = variance[members].std(0, ddof=1) / variance[members].mean(0) / math.sqrt(count)
         error = np.maximum(scatter, math.sqrt(2 / (count * (BLOCK_PX**2 - 3)))) / 2
-        chance = _Z * math.hypot(*error.tolist())
-        texture = _common(*(rest[used][members] for rest in rests)) / (simulated * real)
-        name = f"noise at {100 * at:.3g} %"
-        quantities.append(Quantity(name, "of full scale", simulated, real, chance, 1 - min(1.0, texture)))
-    return quantities
+        common = _common_variance(*(rest[members] for rest in rests)) / math.prod(deviations)
+        at = float(level[members].mean())
+        measure = Measure(f"noise_at_{at:.3g}", f"noise at {at:.3g}, {real.unit}")
+        of_both = math.hypot(*error.tolist())
+        comparisons.append(compared(measure, deviations[0], deviations[1], of_both, texture=min(1.0, common)))
+    return comparisons
 
 
-def _common(one: Floats, other: Floats) -> float:
+def _common_variance(one: Floats, other: Floats) -> float:
     """Variance that squares (n, side, side) of both pictures have in common, beyond chance, at the best of a few
-    displacements: that of texture, as the noise of one is not in the other."""
+    displacements: that of texture, because the noise of the pictures is independent."""
     product = np.fft.rfft2(one) * np.conj(np.fft.rfft2(other))
-    along = np.fft.irfft2(product.mean(0), s=one.shape[1:]) / one[0].size
+    correlation = np.fft.irfft2(product.mean(0), s=one.shape[1:]) / one[0].size
     near = np.r_[-_MISPLACED_PX : _MISPLACED_PX + 1]
     chance = 3 * math.sqrt(float((one**2).mean() * (other**2).mean()) / one.size)
-    return max(0.0, float(along[np.ix_(near, near)].max()) - chance)
+    return max(0.0, float(correlation[np.ix_(near, near)].max()) - chance)
 
 
-def _squares(picture: Floats) -> tuple[Floats, Floats, NDArray[np.bool_], Floats]:
-    """Of each square: mean, variance about its plane, whether its cells vary by no more than noise explains, which
-    may itself be coarse: then as in most even squares; and what is off its plane."""
+def _squares(picture: Floats) -> _Squares:
+    """Cut a picture in squares. Uniform are those whose cells vary by no more than noise explains; noise may itself
+    be coarse, so the lower quartile of all squares is the reference."""
     rows, columns = (side // BLOCK_PX for side in picture.shape)
-    cut = picture[: rows * BLOCK_PX, : columns * BLOCK_PX].reshape(rows, BLOCK_PX, columns, BLOCK_PX)
-    squares = cut.swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
+    cropped = picture[: rows * BLOCK_PX, : columns * BLOCK_PX].reshape(rows, BLOCK_PX, columns, BLOCK_PX)
+    squares = cropped.swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
     level = squares.mean((1, 2))
-    place = np.arange(BLOCK_PX) - (BLOCK_PX - 1) / 2
-    power = BLOCK_PX * float(place @ place)
-    across = np.einsum("bij,j->b", squares, place) / power
-    down = np.einsum("bij,i->b", squares, place) / power
-    tilt = across[:, None, None] * place + down[:, None, None] * place[:, None]
-    rest = squares - level[:, None, None] - tilt
+    x = np.arange(BLOCK_PX) - (BLOCK_PX - 1) / 2
+    power = BLOCK_PX * float(x @ x)
+    across = np.einsum("bij,j->b", squares, x) / power
+    down = np.einsum("bij,i->b", squares, x) / power
+    plane = level[:, None, None] + across[:, None, None] * x + down[:, None, None] * x[:, None]
+    rest = squares - plane
     variance = (rest * rest).sum((1, 2)) / (BLOCK_PX**2 - 3)
     cells = BLOCK_PX // _CELL_PX
     means = rest.reshape(-1, cells, _CELL_PX, cells, _CELL_PX).mean((2, 4))
-    seen = (means * means).sum((1, 2)) / (cells**2 - 3)
-    structure = seen * _CELL_PX**2 / np.maximum(variance, np.finfo(float).tiny)
+    of_cells = (means * means).sum((1, 2)) / (cells**2 - 3)
+    structure = of_cells * _CELL_PX**2 / np.maximum(variance, np.finfo(float).tiny)
     usual = min(max(1.0, float(np.percentile(structure, 25))), _COARSEST)
-    return level, variance, structure < _EVEN * usual, rest
+    return _Squares(level, variance, structure < _EVEN * usual, rest)
 
 
-def _sharpness(pair: tuple[LinearPicture, LinearPicture]) -> list[Quantity]:
+def _compare_sharpness(real: LinearPicture, simulated: LinearPicture) -> list[Comparison]:
     """MTF50 at edges of the simulated picture that the real one shows at the same place.
 
-    A fault that an edge hides, and its interval allows for, is part of what is compared: no chance.
+    Both edges hide the same faults, so only the part of their intervals that comes from noise counts.
     """
-    found = []
-    for roi in find_edges(pair[0]).rois:
-        edges = [light.edge(roi, bootstrap=RESAMPLES) for light in pair]
+    comparisons = []
+    for roi in find_edges(simulated).rois:
+        edges = [picture.edge(roi, bootstrap=RESAMPLES) for picture in (real, simulated)]
         usable = all(math.isfinite(edge.mtf50) and not UNUSABLE & edge.flags for edge in edges)
         if usable and edges[0].bright_side == edges[1].bright_side:
-            one, other = (edge.mtf50 for edge in edges)
-            ranges = [edge.noise_intervals["mtf50"] for edge in edges]
-            chance = math.hypot(*np.ptp(ranges, axis=1) / 2 / (one, other))
-            found.append(Quantity(f"MTF50 at {roi[0]},{roi[1]}", "cycles/px", one, other, chance))
-    return found[:MOST_EDGES]
+            values = [edge.mtf50 for edge in edges]
+            widths = np.ptp([edge.noise_intervals["mtf50"] for edge in edges], axis=1)
+            error = math.hypot(*widths / 2 / values) / _Z
+            measure = Measure(f"mtf50_at_{roi[0]}_{roi[1]}", f"MTF50 at {roi[0]},{roi[1]}")
+            comparisons.append(compared(measure, values[0], values[1], error))
+    return comparisons[:MOST_EDGES]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from blurnoise._core import usual
 
 if TYPE_CHECKING:
-    from blurnoise.optics.camera import Camera
+    from blurnoise.camera import Camera
 
 AUTOMATIC = math.inf
 """The value of an axis that the camera sets itself, for each picture; "auto" in tables."""
@@ -252,13 +252,13 @@ AXES: tuple[Axis, ...] = (
     Axis(
         "f_number", "camera.f_number", "--f-number",
         "f-number of the lens, for its light and its diffraction at 0.55 µm (default: the camera's)", "f-number", "",
-        1.0, 0.5, 256.0, "f/{}", "f{}", own=lambda camera: camera.f_number, logarithmic=True, fails=True,
+        1.0, 0.5, 256.0, "f/{}", "f{}", own=lambda camera: camera.lens.f_number, logarithmic=True, fails=True,
         span=(1.0, 16.0),
     ),
     Axis(
         "defocus_radius_px", "camera.defocus_radius_px", "--defocus-px",
         "radius of the blur disc of a defocused lens, px (default: the camera's)", "Defocus", "px", 1.0, 0.0, 1000.0,
-        "defocus {} px", "defocus{}px", own=lambda camera: camera.defocus_radius_px, fails=True,
+        "defocus {} px", "defocus{}px", own=lambda camera: camera.lens.defocus_radius_px, fails=True,
         span=(0.0, 8.0),
     ),
     Axis(

@@ -10,7 +10,7 @@ import hashlib
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any
@@ -19,11 +19,11 @@ import numpy as np
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, limited
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone, picture_tone
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PictureTone, picture_tone
+from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor
-from blurnoise.scene.scene import Exposure
 from blurnoise_eval.plan.axes import (
     AUTOMATIC,
     AXES,
@@ -158,9 +158,9 @@ class Conditions(Mapping[str, float | None]):
 @lru_cache(maxsize=256)
 def with_lens(camera: Camera, **figures: float) -> Camera:
     """The camera with other figures of its lens; a stated ``f_number`` brings diffraction, not light alone."""
-    if "f_number" in figures and camera.diffraction_wavelength_um == 0:
+    if "f_number" in figures and camera.lens.diffraction_wavelength_um == 0:
         figures["diffraction_wavelength_um"] = DIFFRACTION_UM
-    return replace(camera, **figures) if figures else camera  # type: ignore[arg-type]
+    return camera.with_figures(**figures) if figures else camera
 
 
 @dataclass(frozen=True)
@@ -205,8 +205,6 @@ class SweepPlan:
                 object.__setattr__(self, name, kind(**value))
         if isinstance(self.trajectory, str):
             object.__setattr__(self, "trajectory", TrajectorySpec.parse(self.trajectory))
-        if self.trajectory is not None and self.objects.boxes == "half":
-            raise ValueError("boxes = 'half': must be object or swept with a trajectory")
         if self.grey_anchor is not None:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         object.__setattr__(self, "picture_tone", picture_tone(self.picture_tone, "picture_tone"))

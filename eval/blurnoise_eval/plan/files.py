@@ -16,8 +16,8 @@ from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.settings import Settings, setting
 
 if TYPE_CHECKING:
+    from blurnoise.camera.colour import PictureTone
     from blurnoise.motion.ego import Vehicle
-    from blurnoise.optics.colour import PictureTone
     from blurnoise.scene.metering import AutoExposure
     from blurnoise_eval.plan.conditions import SweepPlan
     from blurnoise_eval.plan.objects import Objects
@@ -75,7 +75,7 @@ def tone_of(given: object) -> PictureTone:
     Raises ``ValueError``.
     """
     from blurnoise._core.files import read_document
-    from blurnoise.optics.colour import picture_tone
+    from blurnoise.camera.colour import picture_tone
 
     value: Any = given
     if isinstance(given, str) and ":" in given and not given.endswith((".yaml", ".yml", ".json")):

@@ -1,6 +1,6 @@
 """Lamps of a plan's pictures: targets that are brighter than the picture has them, and pulsed lamps (PWM).
 
-Domain: light as a multiple of the picture's; Hz; phases in periods, as :mod:`blurnoise.light.flicker` has them.
+Domain: light as a multiple of the picture's; Hz; phases in periods, as :mod:`blurnoise.light.lamp` has them.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from blurnoise._core.checks import in_range
-from blurnoise.light.flicker import Pwm
+from blurnoise.light.lamp import Pwm
 from blurnoise_eval.plan.axes import numbers
 
 TARGETS = "targets"

@@ -41,8 +41,8 @@ class Settings:
     @staticmethod
     def records() -> dict[str, Any]:
         """Types of fields that are imported only when a file is read, by name."""
+        from blurnoise.camera.colour import PictureTone
         from blurnoise.motion.ego import Vehicle
-        from blurnoise.optics.colour import PictureTone
         from blurnoise.scene.metering import AutoExposure
         from blurnoise_eval.plan.objects import Objects
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from blurnoise._core.checks import in_range, limited, shown
 from blurnoise._core.files import read_text
+from blurnoise.camera import Camera
 from blurnoise.motion.trajectory import Trajectory, from_text, path_duration_s, shake
-from blurnoise.optics.camera import Camera
 
 _NUMBERS = {"shake": (1,), "sine": (2, 3)}
 

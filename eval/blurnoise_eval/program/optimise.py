@@ -167,7 +167,7 @@ def _staged(
     lattice = exposures_on((low_s, high_s), STEPS_PER_STOP).tolist()
     worth = problem.objective([limits.settled(min(time, high_s)) for time in lattice])
     worth -= COST_PER_DB * problem.gains_db(lattice)
-    most_db = min(limits.gain_max_db, metering.camera.gain_max_db)
+    most_db = min(limits.gain_max_db, metering.camera.sensor.gain_max_db)
     programs = best_stages(worth, totals_s, lattice, 10 ** (most_db / 20), 10 ** (EARLY_GAIN_DB / 20))
     if not programs:
         raise problem.nothing_left(problem.scenario.lights_lux[:: len(totals_s) - 1 or 1])

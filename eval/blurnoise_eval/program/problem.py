@@ -17,17 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.plane import places_of
-from blurnoise_eval.deciding.decision import on_lines, question_of
 from blurnoise_eval.plan.axes import AUTOMATIC, FURTHER, LIGHT, axis
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.run.run import Run
-from blurnoise_eval.run.score_tables import run_averages, score_tables, withheld_models
 from blurnoise_eval.run.search_space import SearchSpace, what_breaks
 from blurnoise_eval.run.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.scoring.uncertainty import influence, ratio_of_sums
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.store import StoreError
 from blurnoise_eval.system.tables import finite
 
 GREY = 0.18
@@ -54,15 +52,14 @@ class Inputs:
     notes: tuple[str, ...] = ()
 
 
-def inputs_of(store: Store, criterion: Criterion, model: str | None = None) -> Inputs:
+def inputs_of(run: Run, model: str | None = None) -> Inputs:
     """The inputs of one model; the run's only one unless named.
 
     Raises ``ValueError`` for a run that has no program: several settings or directions of motion, a fixed gain, a
     camera or a motion for which the plane does not hold.
     """
-    run, where = Run(store), f"run = {str(store.folder)!r}"
-    name = _name_of(run, criterion, model)
-    of_model = [table for table in score_tables(store, criterion) if table.model == name]
+    where, name = f"run = {str(run.folder)!r}", _name_of(run, model)
+    of_model = [table for table in run.score_tables() if table.model == name]
     tables = [table for table in of_model if not table.knows_too_little]
     notes = [
         f"{table.group}: left out, because the model finds too few of them in the original pictures"
@@ -72,7 +69,7 @@ def inputs_of(store: Store, criterion: Criterion, model: str | None = None) -> I
     nodes = [plane for table in tables for plane in table.on_plane()]
     if not nodes:
         raise StoreError(f"{where}: has no targets under any light")
-    grid = (question_of(store) or SearchSpace(run.grid)).grid
+    grid = (run.setup.search_space or SearchSpace(run.setup.grid)).grid
     # in the dark every exposure gives the same picture, and the logarithm of the light has no end
     space = SearchSpace({**grid, LIGHT.name: [lux for lux in grid[LIGHT.name] if lux]})
     setting = {name: float(nodes[0].conditions[name][0]) for name in FURTHER}
@@ -80,9 +77,10 @@ def inputs_of(store: Store, criterion: Criterion, model: str | None = None) -> I
         gain = axis("gain_db").text(setting["gain_db"])
         raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
     camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
-    if because := what_breaks(camera, space, run.trajectory, pulsed=run.plan.pulsed):
+    if because := what_breaks(camera, space, run.plan.trajectory, pulsed=run.plan.pulsed):
         raise ValueError(f"{where}: cannot give a program: {'; '.join(because)}")
-    light = mean_light(queries.gains_set(store, name), camera)
+    with run.store as store:
+        light = mean_light(queries.gains_set(store, name), camera)
     if light is None:
         notes.append(
             f"the gains of the run do not show how bright its pictures are; {GREY:g} of white is assumed"
@@ -90,10 +88,10 @@ def inputs_of(store: Store, criterion: Criterion, model: str | None = None) -> I
     lights = half_stops(min(space.grid[LIGHT.name]), max(space.grid[LIGHT.name]))
     speeds = dict.fromkeys(sorted({line.speed_px_s for line in space.lines}), 1.0)
     planes = {table.group: Predicted(table, Trend.of(camera)) for table in nodes}
-    choice = run_averages(store, on_lines(store, iter(tables)), criterion.level)[0].choose()
+    choice = run.averages(tables)[0].choose()
     return Inputs(
         model=name,
-        criterion=criterion,
+        criterion=run.criterion,
         planes=planes,
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
         scenario=Scenario(lights, speeds, dict.fromkeys(planes, 1.0)),
@@ -103,14 +101,13 @@ def inputs_of(store: Store, criterion: Criterion, model: str | None = None) -> I
     )
 
 
-def _name_of(run: Run, criterion: Criterion, model: str | None) -> str:
+def _name_of(run: Run, model: str | None) -> str:
     """The name of the model, which may be left out where the run has only one. Raises ``ValueError``."""
-    without_answers = withheld_models(run.store, criterion.cluster)
-    names = [name for name in run.models if name not in without_answers]
+    names = [name for name in run.setup.models if name not in run.withheld]
     if model is None and len(names) == 1:
         return names[0]
     if model is None or model not in names:
-        reasons = "".join(f"; {name}: {reason}" for name, reason in without_answers.items())
+        reasons = "".join(f"; {name}: {reason}" for name, reason in run.withheld.items())
         given = "model: missing" if model is None else f"model = {model!r}"
         must = f"must be one of {', '.join(names)}{reasons}"
         raise ValueError(f"run = {str(run.folder)!r}: {given}: {must}")
@@ -230,7 +227,7 @@ class Problem:
         return Schedule(
             exposures_s=tuple(map(float, exposures_s)),
             gains_db=gains_db,
-            lacks_gain=tuple(gain_db >= metering.camera.gain_max_db for gain_db in gains_db),
+            lacks_gain=tuple(gain_db >= metering.camera.sensor.gain_max_db for gain_db in gains_db),
             values=tuple(map(finite, values)),
             value=finite(values.mean()),
             worst_speed=finite(of_speeds.min()),

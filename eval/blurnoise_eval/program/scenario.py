@@ -21,7 +21,7 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import Figure, in_range, limited, one_of
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.run.search_space import exposures_on
 
@@ -257,19 +257,18 @@ class Metering:
         return USUAL.setting(self.camera, **at, **self._picture).gain_db
 
 
-def mean_light(gains: Iterable[Mapping[str, Any]], camera: Camera) -> float | None:
+def mean_light(gains: Iterable[tuple[str, float, float, float]], camera: Camera) -> float | None:
     """The mean light of a run's pictures, which follows from the gains that the camera set for them; None where all
     gains are at a limit.
 
-    gains: rows of ``image``, ``illuminance_lux``, ``exposure_s`` and ``applied_gain_db``. Dark charge is neglected.
+    gains: (picture, illuminance in lux, exposure in s, gain in dB). Dark charge is neglected.
     """
     white_lux_s = Metering(camera, 1.0).total_s(1.0)
     logs_by_image: dict[str, list[float]] = {}
-    for row in gains:
-        gain_db = row["applied_gain_db"]
-        if _AT_LIMIT_DB < gain_db < camera.gain_max_db - _AT_LIMIT_DB:
-            total = row["illuminance_lux"] * row["exposure_s"] * 10 ** (gain_db / 20)
-            logs_by_image.setdefault(row["image"], []).append(math.log(white_lux_s / total))
+    for image, illuminance_lux, exposure_s, gain_db in gains:
+        if _AT_LIMIT_DB < gain_db < camera.sensor.gain_max_db - _AT_LIMIT_DB:
+            total = illuminance_lux * exposure_s * 10 ** (gain_db / 20)
+            logs_by_image.setdefault(image, []).append(math.log(white_lux_s / total))
     # the median, as other conditions of a picture may saturate or be mostly dark charge
     means = [math.exp(float(np.median(logs))) for logs in logs_by_image.values()]
     return float(np.mean(means)) if means else None

@@ -18,12 +18,14 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise_eval.datasets import encode
-from blurnoise_eval.plan.axes import CHOICES, EXPOSURE, VELOCITY, named, setting_of, velocity_of
+from blurnoise_eval.plan.axes import CHOICES, EXPOSURE, VELOCITY, setting_of
 from blurnoise_eval.plots.style import spread
+from blurnoise_eval.report.failures import Pictures
 from blurnoise_eval.report.run import RunData
-from blurnoise_eval.run.pictures import RunPictures
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.store import Store, unpack
+from blurnoise_eval.store.columns import AxisValues
+from blurnoise_eval.store.rows import CellRow, TargetAnswer
+from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.files import check_own_folder, path_within, write_whole
 
 MOST_SAMPLES, MOST_PX = 2000, 1_000_000_000
@@ -39,7 +41,7 @@ Row = dict[str, Any]
 def write_fiftyone(
     store: Store,
     data: RunData,
-    run: RunPictures,
+    run: Pictures,
     folder: Path,
     progress: Callable[[int], None] = lambda pictures: None,
 ) -> str:
@@ -91,15 +93,15 @@ def _limits(store: Store, data: RunData) -> tuple[int, int]:
     sizes = [each.width_px * each.height_px for each in store.pictures().values()]
     samples = min(MOST_SAMPLES, MOST_PX * len(sizes) // max(1, sum(sizes)))
     lines: dict[Any, int] = defaultdict(int)
-    for row in queries.exposed_conditions(store):
-        lines[_line(row)] += 1
+    for at, _ in queries.exposed_conditions(store):
+        lines[_line(at)] += 1
     fit = (samples // max(1, len(sizes)) - 1) // max(1, len(lines))
     exposures = min(max(2, fit), max(lines.values(), default=1))
     return max(1, samples // (1 + exposures * len(lines))), exposures
 
 
-def _line(row: Row) -> Any:
-    return setting_of(row), velocity_of(row)
+def _line(at: AxisValues) -> Any:
+    return setting_of(at), at.velocity_px_s
 
 
 def _slugs(data: RunData) -> dict[str, str]:
@@ -119,22 +121,24 @@ def _columns(data: RunData) -> list[str]:
 
 
 def _samples(
-    store: Store, data: RunData, run: RunPictures, name: str, slugs: Mapping[str, str], n_exposures: int
+    store: Store, data: RunData, run: Pictures, name: str, slugs: Mapping[str, str], n_exposures: int
 ) -> Iterator[Row]:
     """A picture's samples, the original first, with its pixels as ``image``."""
-    cells: dict[str, list[Row]] = defaultdict(list)  # of each model
+    cells: dict[str, list[CellRow]] = defaultdict(list)  # of each model
+    targets: dict[tuple[str, str], list[TargetAnswer]] = {}
     for row in queries.cells_with(store, image=name, repeat=0):
-        row["targets"] = list(queries.targets_of(store, row["cell_id"], row["model"]))
-        cells[row["cell_id"]].append(row)
+        of = row.cell_id, row.model
+        targets[of] = [each.target for each in queries.targets_of(store, *of)]
+        cells[row.cell_id].append(row)
     found_at: dict[Any, list[float]] = defaultdict(list)
-    for row in (row for rows in cells.values() for row in rows if not row["clean"]):
-        for target in row["targets"]:
-            if target["confidence"] >= data.found_from:
-                found_at[row["model"], _line(row), target["target_id"]].append(row["applied_exposure_s"])
-    scene = run.scene(run.picture(name))
+    for row in (row for rows in cells.values() for row in rows if not row.conditions.original):
+        for target in targets[row.cell_id, row.model]:
+            if target.confidence >= data.found_from:
+                key = row.model, _line(row.conditions), target.target_id
+                found_at[key].append(row.applied_exposure_s or 0.0)
     for cell_id, tag in _chosen(data, [rows[0] for rows in cells.values()], n_exposures):
         first = cells[cell_id][0]
-        image = scene.image8 if first["clean"] else run.expose(scene, run.cell(cell_id=cell_id)).image
+        image = run.simulate(cell_id)
         height, width = image.shape[:2]
         number = _number(cell_id)
         sample: Row = {
@@ -146,61 +150,65 @@ def _samples(
         sample |= {"_media_type": "image", "_rand": int(number[:13], 16) / 16**13}
         size = {"width": width, "height": height, "num_channels": 3}
         sample["metadata"] = {"_cls": "ImageMetadata", "mime_type": "image/png", **size}
-        values = {**named(first), EXPOSURE.name: first["applied_exposure_s"]}
+        values = {**first.columns(), EXPOSURE.name: first.applied_exposure_s}
         sample |= {"picture": name, "cell_id": cell_id}
         sample |= {column: _finite(values[column]) for column in (*_columns(data), *_MEASURES)}
         truth: dict[str, dict[int, Row]] = defaultdict(dict)
         for row in cells[cell_id]:
-            slug, found = slugs[row["model"]], truth[_truth_field(data, slugs[row["model"]])]
-            for target in row["targets"]:
-                at = sorted(found_at[row["model"], _line(row), target["target_id"]])
-                new = found.setdefault(target["target_id"], _truth(target, slug, (width, height)))
-                new[f"confidence_{slug}"] = target["confidence"]
-                new[f"found_{slug}"] = target["confidence"] >= data.found_from
+            slug, found = slugs[row.model], truth[_truth_field(data, slugs[row.model])]
+            line = None if row.conditions.original else _line(row.conditions)
+            for target in targets[cell_id, row.model]:
+                at = sorted(found_at[row.model, line, target.target_id])
+                new = found.setdefault(target.target_id, _truth(cell_id, target, slug, (width, height)))
+                new[f"confidence_{slug}"] = target.confidence
+                new[f"found_{slug}"] = target.confidence >= data.found_from
                 new[f"found_from_s_{slug}"], new[f"found_to_s_{slug}"] = (
                     (at[0], at[-1]) if at else (None, None)
                 )
-            sample[f"predictions_{slug}"] = _detections(_predictions(row, data, (width, height)))
+            sample[f"predictions_{slug}"] = _detections(_predictions(store, row, data, (width, height)))
         yield sample | {name: _detections(found.values()) for name, found in truth.items()}
 
 
-def _chosen(data: RunData, rows: Sequence[Row], n_exposures: int) -> Iterator[tuple[str, str]]:
+def _chosen(data: RunData, rows: Sequence[CellRow], n_exposures: int) -> Iterator[tuple[str, str]]:
     """The ids of a picture's cells that become samples, each with its tag, the original first."""
-    lines: dict[Any, list[Row]] = defaultdict(list)
-    for row in sorted(rows, key=lambda row: row["applied_exposure_s"] or 0.0):
-        if row["clean"]:
-            yield row["cell_id"], "original"
+    lines: dict[Any, list[CellRow]] = defaultdict(list)
+    for row in sorted(rows, key=_exposure_s):
+        if row.conditions.original:
+            yield row.cell_id, "original"
         else:
-            lines[_line(row)].append(row)
+            lines[_line(row.conditions)].append(row)
     wanted = [
         row["exposure_s"] for row in data.recommendations if row["scope"] == "all" and row["exposure_s"]
     ]
     for same in lines.values():
         nearest = {
-            min(same, key=lambda row: abs(math.log(row["applied_exposure_s"] / exposure_s)))["cell_id"]
+            min(same, key=lambda row: abs(math.log(_exposure_s(row) / exposure_s))).cell_id
             for exposure_s in wanted
         }
-        others = [row["cell_id"] for row in same if row["cell_id"] not in nearest]
+        others = [row.cell_id for row in same if row.cell_id not in nearest]
         kept = nearest.union(spread(others, n_exposures - len(nearest)) if n_exposures > len(nearest) else ())
         for row in same:
-            if row["cell_id"] in kept:
-                yield row["cell_id"], "recommended" if row["cell_id"] in nearest else "simulated"
+            if row.cell_id in kept:
+                yield row.cell_id, "recommended" if row.cell_id in nearest else "simulated"
 
 
-def _truth(target: Row, slug: str, size: tuple[int, int]) -> Row:
-    box = [target[edge] for edge in ("x0", "y0", "x1", "y1")]
-    made = _detection(f"{target['cell_id']} {slug} {target['target_id']}", target["label"], box, size)
-    return made | {"target_id": target["target_id"], "group": target["group"]}
+def _exposure_s(row: CellRow) -> float:
+    return row.applied_exposure_s or 0.0
 
 
-def _predictions(row: Row, data: RunData, size: tuple[int, int]) -> Iterator[Row]:
+def _truth(cell_id: str, target: TargetAnswer, slug: str, size: tuple[int, int]) -> Row:
+    made = _detection(f"{cell_id} {slug} {target.target_id}", target.label, target.box_xyxy, size)
+    return made | {"target_id": target.target_id, "group": target.group}
+
+
+def _predictions(store: Store, row: CellRow, data: RunData, size: tuple[int, int]) -> Iterator[Row]:
     contracts = {model["name"]: model["contract"] for model in data.manifest["models"]}
-    leading = unpack(row["detections"]).leading
+    leading = store.detections(row.cell_id, row.model).leading
     kept = leading[leading.scores >= LEAST_SCORE]
     found = zip(kept.boxes_xyxy.tolist(), kept.scores.tolist(), kept.class_ids.tolist(), strict=True)
     for place, (box, score, kind) in enumerate(found):
-        label = contracts[row["model"]]["classes"][kind]
-        yield _detection(f"{row['cell_id']} {row['model']} prediction {place}", label, box, size) | {
+        label = contracts[row.model]["classes"][kind]
+        yield _detection(f"{row.cell_id} {row.model} prediction {place}", label, box, size) | {
             "confidence": score
         }
 

@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from blurnoise.training.table import FILE as CONDITIONS_FILE
-from blurnoise_eval.answers.clusters import repeated
-from blurnoise_eval.answers.criterion import CONFIDENCE, PRECISIONS, Criterion
-from blurnoise_eval.answers.curves import endurances, endurances_across
-from blurnoise_eval.answers.exposure_window import answers, flat, natural
-from blurnoise_eval.answers.model_rows import model_rows
-from blurnoise_eval.answers.recommendation import average_curve, recommendations
-from blurnoise_eval.answers.table import ScoreTable
+from blurnoise_eval.answers.criterion import CONFIDENCE, Criterion
+from blurnoise_eval.answers.exposure_window import flat
 from blurnoise_eval.plan.axes import (
     EGO,
     EGO_SPEED,
@@ -31,31 +24,18 @@ from blurnoise_eval.plan.axes import (
     velocity_text,
 )
 from blurnoise_eval.plots.style import spread
+from blurnoise_eval.report.met_conditions import met_conditions
 from blurnoise_eval.report.settings import Settings, Tested
-from blurnoise_eval.run.met_conditions import met_conditions
-from blurnoise_eval.run.refining import exposures_of_grid
-from blurnoise_eval.run.run import Run
-from blurnoise_eval.run.score_tables import (
-    dark_below,
-    models_withheld,
-    run_averages,
-    run_scores,
-    score_tables,
-)
 from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.store import queries
-from blurnoise_eval.store.store import Stated, Store
+from blurnoise_eval.store.rows import Example, SkippedRow
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 
-_FINE = 12  # predicted exposures for each curve over blur
-_LISTED = 8  # labels that a warning names
 TABLES = (
     "recommendations.csv", "answers.csv", "models.csv", "scores.csv", "curves.csv", "results.csv", "targets.csv",
 )  # fmt: skip
 """The tables in the folder of the page; the last two are exports of the store."""
 Row = dict[str, Any]
-Tables = Iterator[ScoreTable]
 
 
 @dataclass(frozen=True)
@@ -74,10 +54,10 @@ class RunData:
     manifest: Row
     models: list[Row]
     scores: list[Row]
-    skipped: list[Row]
+    skipped: list[SkippedRow]
     answers: list[Row]
     endurances: list[Row]
-    examples: list[Row]
+    examples: list[Example]
     recommendations: list[Row] = field(default_factory=list)
     averages: list[Row] = field(default_factory=list)
 
@@ -156,99 +136,14 @@ class RunData:
         kept = sorted(sizes, key=lambda group: -sizes[group])[:count]
         return [group for group in sizes if group in kept]
 
-    def spread_examples(self, count: int) -> list[Row]:
+    def spread_examples(self, count: int) -> list[Example]:
         """At most about ``count`` examples, of conditions that are evenly spread, each with all models."""
-        paths = list(dict.fromkeys(example["path"] for example in self.examples))
+        paths = list(dict.fromkeys(example.path for example in self.examples))
         kept = spread(paths, max(1, count // max(1, len(self.model_names))))
-        chosen = (example for example in self.examples if example["path"] in kept)
+        chosen = (example for example in self.examples if example.path in kept)
         return sorted(
-            chosen, key=lambda each: (kept.index(each["path"]), self.model_names.index(each["model"]))
+            chosen, key=lambda each: (kept.index(each.path), self.model_names.index(each.cell.model))
         )
-
-
-def read_run(
-    store: Store,
-    criterion: Criterion,
-    *,
-    progress: Callable[[int], None] = lambda scores: None,
-    on_lines: Callable[[Store, Tables], Tables] = lambda store, measured: measured,
-) -> RunData:
-    """Everything that the report of this run shows; ``progress`` is called for each condition scored.
-
-    on_lines: what is made of the tables that were measured.
-
-    Groups of which the model knows too little to say what it keeps have no answers; the manifest lists them as
-    ``withheld``, models that detect next to nothing as ``withheld_models``. Scores are kept in the store until cells
-    are added. Raises :class:`~blurnoise_eval.store.store.StoreError` for a run that never began.
-    """
-    run = Run(store)
-    manifest = run.manifest
-    order = Stated({model["name"]: place for place, model in enumerate(manifest["models"])})
-    by_size = criterion.score if criterion.score in PRECISIONS else None
-    scored = run_scores(store, criterion.cluster, progress, by_size=by_size)
-    scores = [each.row for each in scored]
-    unfit = models_withheld(manifest, scores)
-    grid_s = exposures_of_grid(run.planned)
-    tables = [
-        table for table in on_lines(store, score_tables(store, criterion, scored)) if table.model not in unfit
-    ]
-    known = [table for table in tables if not table.knows_too_little]
-    withheld = [
-        {name: getattr(table, name) for name in ("model", "group", "n_targets", "reference", "clean")}
-        for table in tables
-        if table.knows_too_little
-    ]
-    dark, monotone = dark_below(run.camera), manifest.get("trajectory") is None
-    found_answers: list[Row] = []
-    found_curves: list[Row] = []
-    # stable: settings and velocities stay in their order
-    for table in sorted(known, key=lambda each: (order[each.model], natural(each.group))):
-        found_answers += answers(table, criterion, dark, monotone=monotone)
-        exposures = table.conditions["exposure_s"]
-        if table.prediction_cov is not None:
-            thinned = table.take(np.isin(exposures, np.unique(exposures)[::_FINE]))
-            found_curves += endurances(thinned, criterion, grid_s)
-        else:
-            found_curves += endurances(table, criterion, grid_s)
-            found_curves += endurances_across(
-                table.take(np.isin(exposures, grid_s)) if grid_s else table, criterion
-            )
-    reached = run_averages(store, known, criterion.level)
-    _complete(manifest, run, store, criterion.cluster)
-    manifest |= {"criterion": criterion.row(), "threshold": criterion.level}
-    manifest |= {"withheld": withheld, "withheld_models": unfit}
-    manifest["refined"] = sum(len(batch.conditions) for batch in run.asked) if grid_s else 0
-    manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
-    labelled = manifest["images"]["labelled"]
-    return RunData(
-        manifest,
-        model_rows(
-            manifest["models"], scores, [each.performance for each in scored], found_curves, grid_s, labelled
-        ),
-        scores,
-        store.skipped(),
-        found_answers,
-        found_curves,
-        list(_examples(store, manifest)),
-        [row for each in reached for row in recommendations(each)],
-        [average_curve(each) for each in reached],
-    )
-
-
-def _complete(manifest: Row, run: Run, store: Store, cluster: str | None) -> None:
-    """What a manifest takes from the whole store: counts, times, software, and what models failed on."""
-    not_finite = queries.non_finite_values(store)
-    for model in manifest["models"]:
-        model["non_finite_values"] = not_finite.get(model["name"], 0)
-    manifest |= {"plan": run.planned, "software": store.software(), "cluster": cluster}
-    manifest |= {"wall_s": run.wall_s, **queries.counts(store)}
-    manifest |= {"simulate_ms": queries.median_simulate_ms(store), "errors": queries.errors(store)}
-    if not manifest["images"]["labelled"]:
-        manifest["targets_found"] = queries.labels_when_clean(store)
-    manifest["missing_cells"] = run.missing_cells()
-    rendered = manifest["images"]["kind"] == "rendered"
-    looks = {name: each.look for name, each in store.pictures().items()}
-    manifest["repeated"] = None if rendered else repeated(looks, cluster)
 
 
 def write_tables(data: RunData, folder: Path) -> list[Path]:
@@ -264,41 +159,3 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
     met = json.dumps(met_conditions(data.scores, data.manifest, data.recommendations), allow_nan=False)
     write_whole(folder / CONDITIONS_FILE, met.encode("utf-8"))
     return [folder / name for name in (*written, CONDITIONS_FILE)]
-
-
-def _examples(store: Store, manifest: Mapping[str, Any]) -> Iterator[Row]:
-    classes = {model["name"]: model["contract"].get("classes", []) for model in manifest["models"]}
-    for cell in queries.examples(store):
-        found, names = cell.pop("detections").leading, classes[cell["model"]]
-        rows = zip(found.boxes_xyxy.tolist(), found.scores.tolist(), found.class_ids.tolist(), strict=True)
-        targets = queries.targets_of(store, cell["cell_id"], cell["model"])
-        yield {
-            **cell,
-            "path": str(store.file(cell["example"])),
-            "detections": [
-                {"box_xyxy": box, "score": score, "label": names[kind]} for box, score, kind in rows
-            ],
-            "targets": [
-                {"box_xyxy": [row[edge] for edge in ("x0", "y0", "x1", "y1")]}
-                | {name: row[name] for name in ("label", "confidence", "text")}
-                for row in targets
-            ],
-        }
-
-
-def _warnings(store: Store, manifest: Mapping[str, Any]) -> Iterator[str]:
-    for each in manifest["withheld"]:
-        yield (
-            f"{each['model']}, {each['group']}: its targets score {each['clean'] or 0.0:.2g} on average in the "
-            "original pictures, too little to say which share of it is kept"
-        )
-    for model in manifest["models"]:
-        if unknown := model["unknown_labels"]:
-            listed = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")
-            yield f"{model['name']}: does not know {len(unknown)} of the labels ({listed}), which are left out"
-        without = queries.without_targets(store, model["name"])
-        if without["pictures"]:
-            yield (
-                f"{model['name']}: {without['pictures']} pictures have no target that the model knows "
-                f"(first: {without['first']}). Only their false positives count"
-            )

@@ -13,7 +13,7 @@ from blurnoise._core.checks import shown
 from blurnoise._core.files import json_of, read_bytes
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.run.documents import validated
-from blurnoise_eval.run.run import Run
+from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.scoring.evaluated import Truth, coco_results
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
@@ -72,30 +72,31 @@ def read_truth(store: Store) -> dict[str, Any]:
         ) from None
 
 
-def truths(store: Store) -> Callable[[str], Truth | None]:
+def truths(store: Store, setup: Setup) -> Callable[[str], Truth | None]:
     """Each model's truth: the labels, or else what the model itself found in the original pictures.
 
     None for a reader of text. Raises :class:`StoreError` where the run's instances.json is missing or broken.
     """
-    coco, run = read_truth(store), Run(store)
+    coco = read_truth(store)
     image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
     sizes_px = {image_ids[name]: (each.width_px, each.height_px) for name, each in store.pictures().items()}
 
     def truth_of(name: str) -> Truth | None:
-        if run.models[name]["kind"] != "detector":
+        if setup.models[name]["kind"] != "detector":
             return None
-        classes = run.classes(name)
-        if run.labelled:
+        classes = setup.classes(name)
+        if setup.labelled:
             categories = {category["name"]: category["id"] for category in coco["categories"]}
             known = {index: categories[label] for index, label in enumerate(classes) if label in categories}
             return Truth(coco, image_ids, known, sizes_px)
         ids = {label: number for number, label in enumerate(classes, start=1)}
         annotations = []
-        for number, row in enumerate(queries.found_when_clean(store, name), start=1):
-            box = [row["x0"], row["y0"], row["width_px"], row["height_px"]]
-            if row["label"] not in ids:
-                raise store.damaged("targets.label", f"{row['label']!r} is no class of {name!r}")
-            facts = {"id": number, "image_id": image_ids[row["image"]], "category_id": ids[row["label"]]}
+        for number, row in enumerate(queries.targets_when_clean(store, name), start=1):
+            target = row.target
+            box = [target.x0, target.y0, target.width_px, target.height_px]
+            if target.label not in ids:
+                raise store.damaged("targets.label", f"{target.label!r} is no class of {name!r}")
+            facts = {"id": number, "image_id": image_ids[row.image], "category_id": ids[target.label]}
             annotations.append({**facts, "bbox": box, "area": box[2] * box[3], "iscrowd": 0})
         names = [{"id": number, "name": label} for label, number in ids.items()]
         own = {"annotations": annotations, "categories": names}
@@ -104,19 +105,21 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
     return truth_of
 
 
-def write_detections(store: Store, folder: Path) -> list[Path]:
+def detection_files(setup: Setup) -> list[str]:
+    """The names of the files that :func:`write_detections` may write, as patterns."""
+    return [glob.escape(f"{name}{end}.json") for name in setup.models for end in ("", "-instances")]
+
+
+def write_detections(store: Store, setup: Setup, folder: Path) -> list[Path]:
     """Write MODEL.json for each detector into ``folder``; returns the paths.
 
     All that it found as COCO has results, each with the ``cell_id`` by which results.csv has the condition. Beside it
     MODEL-instances.json, the truth at rest; targets.csv has where conditions move it. Raises ``OSError``.
     """
-    written, truth_of, labels = [], truths(store), read_truth(store)
-    models = list(Run(store).models)
-    check_outputs(
-        folder, *(glob.escape(f"{name}{end}.json") for name in models for end in ("", "-instances"))
-    )
+    written, truth_of, labels = [], truths(store, setup), read_truth(store)
+    check_outputs(folder, *detection_files(setup))
     folder.mkdir(parents=True, exist_ok=True)
-    for model in models:
+    for model in setup.models:
         if (truth := truth_of(model)) is None:
             continue
         rows = (

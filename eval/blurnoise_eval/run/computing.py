@@ -1,4 +1,7 @@
-"""A sweep: every picture under every condition before every model, by any engine, into a store that survives."""
+"""Computing a plan: every picture under every condition before every model, by any engine, into a store.
+
+The store is whole at any time: a run that was stopped goes on where it was.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.plan.conditions import SweepPlan
@@ -42,7 +45,7 @@ class Outcome:
         self.workers_died += more.workers_died
 
 
-def run(
+def compute(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
@@ -108,7 +111,7 @@ def run(
                     _keep(answer, store)
                     outcome.computed += len(block.cells)
                     for result in answer:
-                        _check_hope(failures, result.cell["model"], result.cell["error"])
+                        _check_hope(failures, result.cell.model, result.cell.error)
                 if name in outcome.skipped:  # also where it was given up while others computed it
                     store.skip(name, outcome.skipped[name])
                 progress(len(block.cells))
@@ -122,10 +125,10 @@ def _keep(results: Sequence[CellResult], store: Store) -> None:
     """Write the pictures that people will look at, then the rows that name them."""
     for result in results[:1]:
         if result.picture:
-            store.note_picture(result.cell["image"], result.picture)
-    pictures = {result.cell["example"]: result.example_png for result in results}
+            store.note_picture(result.cell.image, result.picture)
+    pictures = {result.cell.example: result.example_png for result in results}
     for name, png in pictures.items():
-        if png is not None:
+        if name is not None and png is not None:
             file = store.file(name)
             file.parent.mkdir(exist_ok=True)
             write_whole(file, png)

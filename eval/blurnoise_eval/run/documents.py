@@ -1,6 +1,6 @@
-"""Documents of a run beside its rows: what their keys are and hold, and how a fault in one is told.
+"""Documents of a run: JSON besides its rows, the keys and types of each, and the error for a fault in one.
 
-They are JSON, written by a sweep, a search and a merge; of a run of somebody else they are anything.
+Sweeps, searches and merges write them; in a run of somebody else they may hold anything.
 """
 
 from __future__ import annotations
@@ -104,6 +104,14 @@ class BatchNote(TypedDict):
     conditions: list[dict[str, float]]
 
 
+@_WITH_AUTO
+class SearchSpaceNote(TypedDict):
+    """The exposures, lights and speeds that a search was asked for; because: why the full grid was computed."""
+
+    grid: dict[str, list[float]]
+    because: list[str]
+
+
 @_OF_DATA_SETS
 class Instance(TypedDict):
     """A target, with whatever its data set says of it."""
@@ -145,6 +153,7 @@ _KINDS: dict[str, TypeAdapter[Any]] = {
     "identity": TypeAdapter(Plain),
     "enough": TypeAdapter(Enough | None),
     "asked": TypeAdapter(Annotated[list[BatchNote], Len(0, _MOST_CONDITIONS)] | None),
+    "question": TypeAdapter(SearchSpaceNote | None),
     "truth": TypeAdapter(TruthFile),
     "wall_s": TypeAdapter(Annotated[float, Ge(0)] | None),
 }

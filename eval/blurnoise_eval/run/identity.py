@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from blurnoise._core.writing import remove_made
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, sample
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.plan.conditions import Part, SweepPlan
 from blurnoise_eval.run.coco_export import write_truth
 from blurnoise_eval.run.contract_checks import Comparison
-from blurnoise_eval.run.run import Run
+from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.scoring.on_picture import Model, Picture8
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
@@ -78,13 +78,14 @@ def open_run(
     if part is not None and part.count > 1:
         identity["part"] = str(part)
     identity = json.loads(json.dumps(identity))  # lists for tuples, as the store has them
-    held, answered = store.about("identity"), queries.has_answers(store)
-    if held is not None and held != identity and not answered:
+    noted, answered = store.about("identity"), queries.has_answers(store)
+    if noted is not None and noted != identity and not answered:
         store.clear()
-        held = None
-    differing = [] if held is None else differences(held, identity)
-    if answered:
-        differing += differences(Run(store).manifest["versions"], versions(), "software")
+        noted = None
+    earlier = None if store.about("manifest") is None else Setup.read(store)
+    differing = [] if noted is None else differences(noted, identity)
+    if answered and earlier is not None:
+        differing += differences(earlier.manifest["versions"], versions(), "software")
     differing += [f"picture {picture.name!r}" for picture in _replaced(pictures, store)]
     if differing:
         raise StoreError(
@@ -93,7 +94,7 @@ def open_run(
         )
     write_truth(pictures, store.folder, whole)
     store.set_about("identity", identity)
-    before = {} if store.about("manifest") is None else Run(store).models
+    before = {} if earlier is None else earlier.models
     images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
     if pictures.folder:
         images["at"] = {name: _absolute(str(getattr(pictures, name))) for name in ("source", "folder")}
@@ -185,8 +186,8 @@ def begun_or_gone(
     """A run is begun in the folder, or goes on there. Where the body fails before a cell is finished or a picture is
     skipped, whatever it has made is deleted, and nothing else.
 
-    overwrite: as of :func:`~blurnoise_eval.evaluation.evaluate`. Raises ``OSError`` where the run or its report could
-    not be written.
+    overwrite: as of :func:`~blurnoise_eval.run.evaluation.evaluate`. Raises ``OSError`` where the run or its report
+    could not be written.
     """
     files = chain(
         [Path(pictures.source)], (Path(str(pictures.folder or ""), picture.name) for picture in pictures)

@@ -1,201 +1,437 @@
-"""A run that is there, opened: its plan, camera, models and pictures as objects, beside its store."""
+"""A run: how it was made, its pictures, the tables of its results, and its report.
+
+A run may be anybody's: :meth:`Run.open` checks all of it before a row is believed. Of a run that is not trusted no
+file outside its folder is opened, and its regular expression for clusters is not searched for.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import cached_property
-from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from threading import RLock
+from typing import TYPE_CHECKING, Any
 
-from blurnoise.optics.camera import Camera
-from blurnoise.scene.scene import Exposure
-from blurnoise_eval.plan.axes import NAMES, axis
-from blurnoise_eval.plan.conditions import Conditions, SweepPlan
-from blurnoise_eval.plan.objects import Objects
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise.camera import Camera
+from blurnoise_eval.answers.clusters import check_cluster
+from blurnoise_eval.answers.criterion import Criterion, criterion_for
+from blurnoise_eval.answers.recommendation import Averages
+from blurnoise_eval.answers.table import ScoreTable
+from blurnoise_eval.datasets import Picture, PictureSet, eight_bit
+from blurnoise_eval.detectors.contract_files import parse_contract
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
+from blurnoise_eval.plan.axes import CORE, named
+from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan
 from blurnoise_eval.plan.question import Question
-from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
-from blurnoise_eval.run.documents import check_files, validated
-from blurnoise_eval.run.work import cells_per_picture
+from blurnoise_eval.report.findings import reflectance
+from blurnoise_eval.report.run import RunData, write_tables
+from blurnoise_eval.run.coco_export import detection_files, write_detections
+from blurnoise_eval.run.computing import Outcome
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames
+from blurnoise_eval.run.pictures import original_picture, pictures_of_run
+from blurnoise_eval.run.score_tables import on_lines, run_averages, score_tables, withheld_models
+from blurnoise_eval.run.setup import Batch, Setup, note_batch
+from blurnoise_eval.run.tables import of_page, search_counts, strategy_sentences, tables_of
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.checks import check_rows
-from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.columns import CONDITIONS
+from blurnoise_eval.store.queries import write_exports
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.system.files import RUN_FILES, check_outputs, path_within, write_whole, writing
+from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.tables import plain
+from blurnoise_eval.system.working_folder import WorkingFolder, fetched, working_folder
 
-Place = tuple[float, float]
-_KEY = "asked"
-ENOUGH = "enough"
-"""The key of a run's store for the last question."""
+if TYPE_CHECKING:
+    from typing import Self
 
-
-@dataclass(frozen=True)
-class Batch:
-    """Nodes asked at a time, and of how many pictures, the first of the run's order, every node is asked since."""
-
-    n_pictures: int
-    places: tuple[Place, ...] = ()
-    conditions: tuple[Conditions, ...] = ()
-
-
-def asked(store: Store) -> tuple[Batch, ...]:
-    """Every batch in order; none where no search has asked."""
-    every = map(itemgetter("n_pictures", "places", "conditions"), _document(store, _KEY) or ())
-    with _named(store, _KEY):
-        return tuple(
-            Batch(n_pictures, tuple((u, w) for u, w in places), tuple(map(_conditions, conditions)))
-            for n_pictures, places, conditions in every
-        )
-
-
-def ask(store: Store, batch: Batch) -> None:
-    """Note one batch more."""
-    noted = {**vars(batch), "conditions": [at.stated for at in batch.conditions]}
-    store.set_about(_KEY, [*(store.about(_KEY) or ()), noted])
-
-
-def _conditions(values: Mapping[str, float]) -> Conditions:
-    return Conditions(**{name: axis(name).checked([value])[0] for name, value in values.items()})
-
-
-def _document(store: Store, key: str) -> Any:
-    with _named(store, key):
-        return validated(key, store.about(key))
-
-
-@contextmanager
-def _named(store: Store, key: str) -> Iterator[None]:
-    """A fault in a document as an error that names the run."""
-    try:
-        yield
-    except StoreError:
-        raise
-    except (ValueError, TypeError, KeyError, OverflowError) as error:
-        raise store.damaged(key, str(error)) from None
+Rows = list[dict[str, Any]]
 
 
 class Run:
-    """A run that has begun, in its open store. Raises :class:`StoreError` for one that has not.
+    """A run in its folder, as :func:`~blurnoise_eval.run.evaluation.evaluate` returns it and :meth:`open` reads it.
 
-    manifest: title, models, camera, images, versions, as plain values. planned: those of the plan, by which runs are
-    told apart. trusted: labels, pictures and models may be opened where the run says they are, and its pattern of
-    clusters be searched for.
+    Its tables are lists of rows, which ``pandas.DataFrame`` takes as they are:
+
+    ``cells``: a row per picture, condition and model. ``targets``: a row per target of these. ``scores``: a row per
+    model and condition. ``curves``: a row per curve over exposure or blur, with its area and where it fails.
+    ``models``: a row per model. ``answers``: a row per model, target group, light and velocity, with the exposures
+    that fulfil the ``criterion`` and the one to use.
+
+    folder: where it is on this machine. setup: how it was made. trusted: whether labels, pictures and models may be
+    opened where the run says they are. outcome: what :func:`evaluate` computed now; None of a run that was opened.
+
+    >>> from blurnoise_eval import Run
+    >>> Run.open("nowhere")
+    Traceback (most recent call last):
+    ...
+    blurnoise_eval.store.store.StoreError: run = 'nowhere': holds no results.sqlite; make one with 'blurnoise sweep'
     """
 
-    def __init__(self, store: Store, *, trusted: bool = True) -> None:
-        self.store, self.folder, self.trusted = store, store.folder, trusted
-        if store.about("manifest") is None or store.about("identity") is None:
-            raise StoreError(f"run = {str(store.folder)!r}: contains no sweep")
-        self.manifest: dict[str, Any] = _document(store, "manifest")
-        with _named(store, "identity"):
-            self.planned: dict[str, Any] = dict(_document(store, "identity")["plan"])
+    def __init__(
+        self,
+        store: Store,
+        question: Question | None = None,
+        *,
+        trusted: bool = True,
+        images: str | Path | PictureSet | None = None,
+        progress: bool | None = None,
+    ) -> None:
+        self._store: Store | None = store
+        self._lock = RLock()  # SQLite's connection is of one thread
+        self._entered = ExitStack()
+        self._working = WorkingFolder(store.folder)
+        self._images = Path(images) if isinstance(images, str) else images
+        self._question, self._progress = question or Question(), progress
+        self.folder, self.trusted = store.folder, trusted
+        self.setup = Setup.read(store)
+        self.outcome: Outcome | None = None
 
     @classmethod
-    @contextmanager
-    def open(cls, folder: str | Path, *, trust: bool = False) -> Iterator[Run]:
-        """The run in a folder, read and checked as a whole: it may be anybody's.
+    def open(
+        cls,
+        folder: str | Path | WorkingFolder,
+        question: Question | None = None,
+        *,
+        trust: bool = False,
+        images: str | Path | PictureSet | None = None,
+        progress: bool | None = None,
+    ) -> Run:
+        """Read and check a run. It may be anybody's; one at a URL is copied to this machine first.
 
-        trust: it is this user's own; a run of which this user's sweep has written every document is so anyway.
+        question: when a score is enough; what it leaves open is as the sweep was asked. trust: the run is this
+        user's own, so that files outside its folder may be opened where it says they are; of runs that this user's
+        account has computed that is known. images: the folder of the original pictures, or the pictures themselves,
+        by default where the sweep found them. progress: whether to draw bars on the terminal.
+
+        Raises :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run, and for a damaged run.
         """
-        with Store(Path(folder)) as store:
-            run = cls(store, trusted=trust or store.is_own())
-            _ = run.camera, run.asked, run.plan, run.question, run.wall_s
-            names = [model["name"] for model in run.manifest["models"]]
-            if len(set(names)) < len(names):
-                raise store.damaged("manifest", "models of one name")
-            check_rows(store, {name: len(run.classes(name)) for name in names})
-            yield run
+        working = fetched(folder)
+        with Store(working.path) as store:
+            trusted = trust or store.is_own()
+            run = cls(store, question, trusted=trusted, images=images, progress=progress)
+            check_rows(store, {name: len(run.setup.classes(name)) for name in run.setup.models})
+        run._store, run._working = None, working
+        return run
 
-    @cached_property
+    def __enter__(self) -> Self:
+        """Keep the run's file open, so that all that is read is of one moment."""
+        self._entered.enter_context(self.store)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._entered.close()
+
+    @property
+    def store(self) -> AbstractContextManager[Store]:
+        """The run's rows and documents: ``with run.store as store``. In such a block another gives the same store."""
+        return self._opened()
+
+    @contextmanager
+    def _opened(self) -> Iterator[Store]:
+        with self._lock:
+            if self._store is not None:
+                yield self._store
+                return
+            with Store(self.folder) as self._store:
+                try:
+                    yield self._store
+                finally:
+                    self._store = None
+
+    # --- how it was made ---
+
+    @property
+    def plan(self) -> SweepPlan:
+        """The plan of the grid, or of the conditions that a search has chosen."""
+        return self.setup.plan
+
+    @property
     def camera(self) -> Camera:
         """The camera that pictures were taken with."""
-        with _named(self.store, "camera"):
-            check_files(self.manifest["camera"])
-            return Camera.from_dict(self.manifest["camera"])
+        return self.setup.camera
 
-    @cached_property
+    @property
     def question(self) -> Question:
-        """The question that the sweep was asked."""
-        with _named(self.store, ENOUGH):
-            return Question(**(_document(self.store, ENOUGH) or {}))
+        """When a score is enough: as :meth:`open` was asked, else as the sweep was."""
+        return self._question.filled_from(self.setup.question)
 
     @cached_property
-    def wall_s(self) -> float:
-        """Time that the run took so far."""
-        return float(_document(self.store, "wall_s") or 0.0)
+    def criterion(self) -> Criterion:
+        """The criterion of the question. Raises ``ValueError`` for a score that the run does not have, and for the
+        clusters of a run that is not trusted: a search for their regular expression may never end."""
+        asked = self.question
+        if asked.cluster is not None and not self.trusted and self._question.cluster is None:
+            raise ValueError(
+                f"cluster = {asked.cluster!r}: is of a run that is not your own; specify it again if it is harmless"
+            )
+        reads = any(note["kind"] == "reader" for note in self.setup.models.values())
+        rendered = self.setup.manifest["images"]["kind"] == "rendered"
+        criterion = criterion_for(asked, rendered=rendered, reads=reads, labelled=self.setup.labelled)
+        check_cluster(asked.cluster, self.pictures)
+        return criterion
 
-    def classes(self, model: str) -> list[str]:
-        """The names of a detector's classes; none of a reader."""
-        with _named(self.store, "manifest"):
-            note = self.models[model]
-            found = note["contract"]["classes"] if note["kind"] == "detector" else []
-            if not all(isinstance(name, str) for name in found):
-                raise ValueError(f"classes of {model!r} must be names")
-            return list(found)
+    def note(self, batch: Batch) -> None:
+        """Note conditions before they are computed, so that a run that was stopped goes on with the same ones."""
+        with self.store as store:
+            note_batch(store, batch)
+            self.setup = Setup.read(store)
 
-    @property
-    def models(self) -> dict[str, dict[str, Any]]:
-        """What the manifest says of each model, by its name."""
-        return {model["name"]: model for model in self.manifest["models"]}
-
-    @property
-    def labelled(self) -> bool:
-        """Whether the pictures came with labels."""
-        return bool(self.manifest["images"]["labelled"])
-
-    @cached_property
-    def asked(self) -> tuple[Batch, ...]:
-        """What a search, or the refinement of a grid's windows, has asked for."""
-        return asked(self.store)
-
-    @property
-    def grid(self) -> Mapping[str, list[float]]:
-        """Values by axis; none of a search."""
-        values: Mapping[str, list[float]] = self.planned.get("grid", {})
-        return values
-
-    @property
-    def objects(self) -> Objects:
-        """What moves where not all of a picture does."""
-        return self.plan.objects
+    # --- tables ---
 
     @cached_property
-    def trajectory(self) -> TrajectorySpec | None:
-        """What pictures do beside their velocity."""
-        with _named(self.store, "trajectory"):
-            held = self.manifest["trajectory"]
-            return TrajectorySpec(held["text"], held["content"]) if held else None
+    def cells(self) -> Rows:
+        """A row per picture, condition and model, as results.csv has them."""
+        with self.store as store:
+            return [row.columns() for row in store.cells()]
 
     @cached_property
-    def plan(self) -> SweepPlan:
-        """The plan of the grid, or of the nodes that a search has asked for so far."""
-        with _named(self.store, "plan"):
-            plan = self._plan()
-            if json.loads(json.dumps(plan.to_dict())) != self.planned:
-                raise ValueError("is none that a sweep writes")
-            return plan
+    def targets(self) -> Rows:
+        """A row per cell and target, as targets.csv has them."""
+        with self.store as store:
+            return [row.columns() for row in store.targets()]
 
-    def _plan(self) -> SweepPlan:
-        held = {name: value for name, value in self.planned.items() if name not in ("further", "direction")}
-        held["trajectory"] = self.trajectory
-        if self.grid:
-            return SweepPlan(**held)
-        grid = {name: (value,) for name, value in self.planned["further"].items()}
-        nodes = tuple(at for batch in self.asked for at in batch.conditions)
-        return SweepPlan(grid, **held, only=nodes, direction=tuple(self.planned["direction"]))
+    @property
+    def scores(self) -> Rows:
+        """A row per model and condition, as scores.csv has them."""
+        return [named(row) for row in self.tables.scores]
 
-    def missing_cells(self) -> int:
-        """How many of the plan's cells are not there, those of skipped pictures apart."""
-        chosen: int = self.planned["repeats"] * sum(len(batch.conditions) for batch in self.asked)
-        n_pictures = self.manifest["images"]["count"]
-        per_picture = chosen + (cells_per_picture(self.plan) if self.grid else 1)
-        if not self.grid:
-            n_pictures = self.asked[-1].n_pictures if self.asked else 0
-        there = queries.count_cells_of_read(self.store)
-        return int((n_pictures - len(self.store.skipped())) * per_picture - there)
+    @property
+    def curves(self) -> Rows:
+        """A row per curve, as curves.csv has them, and the curve itself: ``x`` and ``confidence``."""
+        return [named(row) for row in self.tables.endurances]
 
-    def exposure(self, at: Mapping[str, Any]) -> Exposure:
-        """The exposure under the conditions of a row, which is not of an original picture."""
-        conditions = Conditions(**{axis: at[axis] for axis in NAMES})
-        return conditions.exposure(self.camera, vehicle=self.plan.ego)
+    @property
+    def models(self) -> Rows:
+        """A row per model, as models.csv has them."""
+        return self.tables.models
+
+    @property
+    def answers(self) -> Rows:
+        """For each model, target group, light and velocity the exposures that work, s, and the one to use."""
+        return [named(row) for row in self.tables.answers]
+
+    @property
+    def skipped(self) -> Rows:
+        """Pictures that could not be read, with the reason."""
+        return [row.columns() for row in self.tables.skipped]
+
+    @cached_property
+    def tables(self) -> RunData:
+        """All tables of the run, values as numbers; computed when they are first asked for."""
+        criterion = self.criterion
+        with self.store as store:
+            steps = store.count_different(*CONDITIONS, "model")
+            with ProgressBar("score", steps, self._progress) as advance:
+                return tables_of(store, self.setup, criterion, advance)
+
+    @cached_property
+    def withheld(self) -> dict[str, str]:
+        """Why models have no answers, by their scores on the original pictures."""
+        with self.store as store:
+            return withheld_models(store, self.setup, self.criterion)
+
+    def score_tables(self) -> list[ScoreTable]:
+        """What was measured, by model and group of targets."""
+        with self.store as store:
+            return list(score_tables(store, self.setup, self.criterion))
+
+    def tables_with_answers(self) -> list[ScoreTable]:
+        """What was measured, without the models and groups that have no answers."""
+        every = self.score_tables()
+        return [table for table in every if table.model not in self.withheld and not table.knows_too_little]
+
+    def averages(self, tables: Iterable[ScoreTable]) -> list[Averages]:
+        """Means over groups, lights and speeds, by model, from which an exposure for all of them is recommended."""
+        with self.store as store:
+            return run_averages(store, self.setup, self.criterion, on_lines(self.setup, tables))
+
+    def summary(self, output: str | Path | WorkingFolder | None = None) -> dict[str, Any]:
+        """The contents of summary.json. output: the folder of the report, by default the run's."""
+        written, tables = self._output(output), self.tables
+        about = tables.manifest
+        summary: dict[str, Any] = {
+            "run": self._working.with_url(self.folder),
+            "report": written.with_url(written.path / "report.html"),
+            "cells": about["n_cells"],
+            **{name: about[name] for name in ("missing_cells", "refined")},
+            "skipped": self.skipped,
+            "criterion": self.criterion.row(),
+            "threshold": self.criterion.level,
+            **{name: about[name] for name in ("withheld", "withheld_models")},
+            "targets_found": about.get("targets_found", {}),
+            "reflectance": reflectance(tables),
+            "cluster": self.criterion.cluster,
+            "software": about["software"],
+            "models": self.models,
+            "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
+            "decided": search_counts(self.setup),
+        }
+        if self.outcome is not None:
+            names = ("computed", "resumed", "wall_s", "workers_died")
+            summary |= {name: getattr(self.outcome, name) for name in names}
+        return summary
+
+    def strategy_sentences(self) -> list[str]:
+        """How many conditions a search has computed, or why it was the full grid; nothing of other runs."""
+        return strategy_sentences(self.setup)
+
+    # --- pictures and models ---
+
+    @cached_property
+    def _facts(self) -> dict[str, Any]:
+        with self.store as store:
+            return store.pictures()
+
+    @cached_property
+    def pictures(self) -> tuple[str, ...]:
+        """The names of the pictures, in order."""
+        return tuple(sorted(self._facts))
+
+    @cached_property
+    def _original_pictures(self) -> PictureSet:
+        if isinstance(self._images, PictureSet):
+            return self._images
+        return pictures_of_run(self.setup.manifest["images"], self._images, self._named_path)
+
+    def _named_path(self, what: str, path: str) -> Path:
+        """A path that the run names. Raises ``ValueError`` unless the run is trusted."""
+        if not self.trusted:
+            other = "--trust opens it, --images a folder of pictures, --model a model"
+            raise ValueError(f"{what} = {path!r}: is outside the folder of the run; {other}")
+        return Path(path).expanduser()
+
+    def picture(self, name: str) -> Picture:
+        """An original picture of the run, in memory. Raises ``ValueError`` where it is missing or has changed, and
+        for files outside of a run that is not trusted."""
+        if name not in self._facts:
+            raise ValueError(f"picture = {name!r}: must be a picture of the run")
+        return original_picture(name, self._facts[name], lambda: self._original_pictures)
+
+    def cell(self, **columns: Any) -> Cell:
+        """The cell in the middle of the simulated ones that have these values in these columns. Raises ``ValueError``
+        where there is none."""
+        with self.store as store:
+            rows = [*queries.cells_with(store, clean=0, **columns)]
+        if not rows:
+            text = ", ".join(f"{name} = {value!r}" for name, value in columns.items())
+            raise ValueError(f"{text}: must be a simulated picture of the run, as listed in results.csv")
+        row = rows[len(rows) // 2]
+        # a cell's id is made of the axes that its plan names: those of the grid, or of what was chosen later
+        grid = self.setup.grid
+        planned = [Conditions(**{name: row.conditions[name] for name in {*CORE, *grid}})] if grid else []
+        planned += [at for batch in self.setup.batches for at in batch.conditions]
+        for at in planned:
+            cell = Cell(row.image, row.repeat, at, row.seed)
+            if cell.cell_id == row.cell_id:
+                return cell
+        raise ValueError(f"cell = {row.cell_id!r}: its conditions are not in the plan of the run")
+
+    def scene(self, picture: Picture) -> PictureScene:
+        """The light of a picture, as the run's cells have it."""
+        plan = self.plan
+        tone, lamps, white = plan.picture_tone, plan.lamps, plan.hdr_white
+        return PictureScene(picture.load(), plan.grey_anchor, picture, plan.objects, tone, lamps, white)
+
+    def expose(self, scene: PictureScene, cell: Cell, camera: Camera | None = None) -> Frame:
+        """A cell's picture, of its scene, as the run took it or through another camera."""
+        plan = self.plan
+        (frame,) = frames(scene, [cell], camera or self.camera, plan.auto_exposure, plan.path, plan.ego)
+        return frame
+
+    def simulate(self, cell_id: str) -> NDArray[np.uint8]:
+        """A simulated picture of the run once more, (H, W, 3), uint8, RGB; of an original one the picture itself.
+
+        Raises what :meth:`picture` raises, and ``ValueError`` for another id.
+        """
+        with self.store as store:
+            row = next(queries.cells_with(store, cell_id=cell_id), None)
+        if row is None:
+            raise ValueError(f"cell_id = {cell_id!r}: must be one of the run, as listed in results.csv")
+        if self._scene is None or self._scene[0] != row.image:
+            picture = self.picture(row.image)
+            self._scene = row.image, picture, self.scene(picture)
+        _, picture, scene = self._scene
+        return (
+            eight_bit(picture.load())
+            if row.conditions.original
+            else self.expose(scene, self.cell(cell_id=cell_id)).image
+        )
+
+    _scene: tuple[str, Picture, PictureScene] | None = None
+    """The last picture that was simulated: many cells of one picture come one after the other."""
+
+    def model(self, name: str, timeout_s: float = TIMEOUT_S) -> Detector:
+        """A detector of the run, opened again; the built-in one wherever it was then.
+
+        Raises ``ValueError`` where it is missing or has changed, for a reader of text, and for files outside of a run
+        that is not trusted.
+        """
+        from blurnoise_models.detector import STOP_SIGN
+
+        note = self.setup.models[name]
+        if note["kind"] != "detector":
+            raise ValueError(f"model = {name!r}: is a text recogniser, not a detector")
+        built_in = note["sha256"] == model_sha256(STOP_SIGN)
+        path = STOP_SIGN if built_in else self._named_path("model", note["file"])
+        if not path.is_file() or model_sha256(path) != note["sha256"]:
+            raise ValueError(f"model = {note['file']!r}: is missing, or has changed since the run")
+        contract = parse_contract(note["contract"], "the run's contract")
+        return Detector(path, contract=contract, timeout_s=timeout_s)
+
+    # --- what is written ---
+
+    def _output(self, output: str | Path | WorkingFolder | None) -> WorkingFolder:
+        return self._working if output is None else working_folder(output)
+
+    def report(
+        self,
+        output: str | Path | WorkingFolder | None = None,
+        *,
+        coco: bool = False,
+        overwrite: bool = False,
+    ) -> Path:
+        """Write the run's tables, figures and pages; returns the page's path.
+
+        output: the folder, by default the run's. coco: also write detections and targets as COCO's files, see
+        :func:`~blurnoise_eval.run.coco_export.write_detections`. overwrite: replace files that blurnoise did not
+        write, too. Raises ``OSError``, before anything is written where a file may not be replaced.
+        """
+        folder = self._output(output).path
+        with writing(overwrite=overwrite):
+            check_outputs(folder, *RUN_FILES)
+            if coco:
+                check_outputs(path_within(folder, "coco"), *detection_files(self.setup))
+            summary = self.summary(output)
+            with self.store as store:
+                page = self._write_report(store, folder, summary)
+                if coco:
+                    write_detections(store, self.setup, folder / "coco")
+            return page
+
+    def _write_report(self, store: Store, folder: Path, summary: dict[str, Any]) -> Path:
+        from blurnoise_eval.report import charts, failures, page  # matplotlib and plotly
+
+        folder.mkdir(parents=True, exist_ok=True)
+        write_exports(store, folder)
+        failures.write_failures(store, self.tables, folder, self)
+        write_tables(self.tables, folder)
+        write_whole(folder / "summary.json", json.dumps(summary, indent=1).encode("utf-8"))
+        tables = of_page(self.tables, self.setup)
+        with ProgressBar("draw", len(charts.views(tables)), self._progress) as advance:
+            return page.write_report(tables, folder, advance)
+
+    def write_fiftyone(self, folder: str | Path) -> str:
+        """Write the run as a FiftyOne data set; returns a sentence that says what it holds. Raises ``ValueError``
+        where no picture can be opened, and ``OSError``."""
+        from blurnoise_eval.report.fiftyone_export import write_fiftyone
+
+        tables = self.tables
+        with self.store as store, ProgressBar("FiftyOne", len(self.pictures), self._progress) as advance:
+            return write_fiftyone(store, tables, self, Path(folder), advance)

@@ -1,7 +1,7 @@
-"""The scores of a run, and their tables in the unit of a criterion.
+"""The scores of a run, and its tables of scores in the unit of a criterion.
 
-Scores are computed once and kept in the store until cells are added.
-Domain: criteria as in :mod:`blurnoise_eval.answers.criterion`; names of pictures as the store has them.
+Scores are computed once and kept in the store until cells are added. Functions take the open store of a run, its
+setup and, where values are judged, the criterion (:mod:`blurnoise_eval.answers.criterion`).
 """
 
 from __future__ import annotations
@@ -14,27 +14,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 from blurnoise.picture.develop import tones_8bit
-from blurnoise_eval.answers import criterion as criteria
 from blurnoise_eval.answers.clusters import cluster_of
-from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.criterion import PRECISIONS, Criterion
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.per_condition import Scored, conditions_of, numbered, scored
 from blurnoise_eval.answers.recommendation import Averages, averages
 from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of, tables_by_size
 from blurnoise_eval.datasets import DOUBTFUL_LABELS
 from blurnoise_eval.plan.axes import NAMES, SETTING
-from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.coco_export import truths
-from blurnoise_eval.run.run import Run
+from blurnoise_eval.run.setup import Setup
+from blurnoise_eval.run.surface import Trend, predicted_table
 from blurnoise_eval.scoring.evaluated import NO_TRUTH, Evaluated
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from blurnoise_eval.scoring.scores import of_conditions
 from blurnoise_eval.scoring.uncertainty import Estimate
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.queries import TargetColumns, target_columns
-from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 
 LEAST_AP50 = 0.05
@@ -43,34 +41,20 @@ _SCORES, _VERSION = "scores", 8  # under which the store keeps the scores; of ho
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 
 
-def criterion_of(run: Run, question: Question | None = None) -> Criterion:
-    """The criterion of a run, see :func:`.criterion_for`. What ``question`` leaves open is as the sweep was asked.
-
-    Raises ``ValueError``, also for the pattern of clusters of a run that is not trusted: a search for it may never
-    end.
-    """
-    earlier = run.question
-    asked = earlier if question is None else question.filled_from(earlier)
-    if not run.trusted and earlier.cluster is not None and (question is None or question.cluster is None):
-        raise ValueError(
-            f"cluster = {earlier.cluster!r}: is of a run that is not your own; specify it again if it is harmless"
-        )
-    reads = any(model["kind"] == "reader" for model in run.models.values())
-    rendered = run.manifest["images"]["kind"] == "rendered"
-    return criteria.criterion_for(asked, rendered=rendered, reads=reads, labelled=run.labelled)
-
-
 def run_scores(
     store: Store,
-    cluster: str | None,
+    setup: Setup,
+    criterion: Criterion,
     progress: Callable[[int], None] = lambda scores: None,
-    *,
-    by_size: str | None = None,
 ) -> list[Scored]:
-    """The scores of each model and condition. by_size: "ap" or "ap50" by the size of targets, too."""
+    """The scores of each model and condition; of a precision by the size of targets, too, if the criterion is one.
+
+    progress: called for each of them.
+    """
     names = [score.name for score in of_conditions()]
-    made_of: dict[str, Any] = {"of": queries.count_rows(store), "cluster": cluster, "by_size": by_size}
-    made_of |= {"version": _VERSION, "scores": names}
+    by_size = criterion.score if criterion.score in PRECISIONS else None
+    made_of: dict[str, Any] = {"of": queries.count_rows(store), "cluster": criterion.cluster}
+    made_of |= {"by_size": by_size, "version": _VERSION, "scores": names}
     kept = store.about(_SCORES, own=True)
     if kept is not None and made_of == {name: kept.get(name) for name in made_of}:
         return [
@@ -79,12 +63,12 @@ def run_scores(
             )
             for row, performance, sizes, counts in kept["found"]
         ]
-    found = []
-    for each in _scored(store, cluster, by_size):
-        found.append(each)
+    every = []
+    for scored_condition in _scored(store, setup, criterion.cluster, by_size):
+        every.append(scored_condition)
         progress(1)
-    store.keep(_SCORES, made_of | {"found": found})
-    return found
+    store.keep(_SCORES, made_of | {"found": every})
+    return every
 
 
 def _estimate(kept: Sequence[Any]) -> Estimate:
@@ -95,17 +79,20 @@ def _estimate(kept: Sequence[Any]) -> Estimate:
 
 
 def _scored(
-    store: Store, cluster: str | None, by_size: str | None = None, *, original_only: bool = False
+    store: Store,
+    setup: Setup,
+    cluster: str | None,
+    by_size: str | None = None,
+    *,
+    original_only: bool = False,
 ) -> Iterator[Scored]:
-    run = Run(store)
-
     def moves(row: Mapping[str, Any]) -> tuple[Any, Any]:
-        exposure = run.exposure(row)
-        return box_mover(exposure, run.objects), box_sweeper(exposure, run.objects)
+        exposure, objects = setup.exposure(row), setup.plan.objects
+        return box_mover(exposure, objects), box_sweeper(exposure, objects)
 
     clusters = numbered(queries.pictures_seen(store), cluster)
-    conditions = conditions_of(store, list(run.models), clusters, original_only=original_only)
-    return scored(store, conditions, truths(store), moves, clusters, by_size)
+    conditions = conditions_of(store, list(setup.models), clusters, original_only=original_only)
+    return scored(store, conditions, truths(store, setup), moves, clusters, by_size)
 
 
 def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, Any]]) -> dict[str, str]:
@@ -129,44 +116,53 @@ def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, A
     }
 
 
-def withheld_models(store: Store, cluster: str | None = None) -> dict[str, str]:
+def withheld_models(store: Store, setup: Setup, criterion: Criterion) -> dict[str, str]:
     """As :func:`models_withheld`, from the scores on the original pictures alone."""
-    clean = _scored(store, cluster, original_only=True)
-    return models_withheld(store.about("manifest"), (each.row for each in clean))
+    clean = _scored(store, setup, criterion.cluster, original_only=True)
+    return models_withheld(setup.manifest, (scored_condition.row for scored_condition in clean))
 
 
 def score_tables(
-    store: Store, criterion: Criterion, scored_by_size: Sequence[Scored] | None = None
+    store: Store, setup: Setup, criterion: Criterion, scores: Sequence[Scored] | None = None
 ) -> Iterator[ScoreTable]:
-    """The tables of a run, one for each model and group of targets.
+    """The tables of what was measured, one for each model and group of targets.
 
-    scored_by_size: what :func:`run_scores` gives by size, for a score that belongs to no single target.
+    scores: of :func:`run_scores`, if they are known; they are needed for a score that belongs to no single target.
     """
     if criterion.of is not None and criterion.of.by_size is not None:
-        found = scored_by_size or run_scores(store, criterion.cluster, by_size=criterion.score)
-        yield from tables_by_size(found, criterion.kept)
+        yield from tables_by_size(scores or run_scores(store, setup, criterion), criterion.kept)
         return
     for model in queries.models_seen(store):
-        yield from _of_model(store, model, criterion)
+        yield from _of_model(store, setup, model, criterion)
 
 
-def _of_model(store: Store, model: str, criterion: Criterion) -> Iterator[ScoreTable]:
+def on_lines(setup: Setup, measured: Iterable[ScoreTable]) -> Iterator[ScoreTable]:
+    """The tables at the exposures that the run was asked for: predicted between the nodes of a search, and of a grid
+    those that were measured."""
+    if setup.search_space is None or not setup.searched:
+        yield from measured
+        return
+    trend = Trend.of(setup.camera)
+    for table in measured:
+        for plane in table.on_plane():
+            yield predicted_table(plane, setup.search_space, trend)
+
+
+def _of_model(store: Store, setup: Setup, model: str, criterion: Criterion) -> Iterator[ScoreTable]:
     """One model's, group after group."""
     columns = target_columns(store, model)
     if criterion.of is not None and criterion.of.of_targets is not None:
         values = criterion.of.of_targets(columns)  # NaN where a row has none
     else:
-        confidence = alarm_confidence(store, model, criterion.alarms_per_picture or 0.0)
+        confidence = _alarm_confidence(store, setup, model, criterion.alarms_per_picture or 0.0)
         values = (columns.confidence > confidence).astype(float)
-    rows = [dict(zip(CONDITIONS, each, strict=True)) for each in columns.conditions]
-    is_clean = np.array([bool(row["clean"]) for row in rows], bool)
-    original = is_clean[columns.condition] if len(rows) else np.zeros(0, bool)
+    is_clean = np.array([at.original for at in columns.conditions], bool)
+    original = is_clean[columns.condition] if len(is_clean) else np.zeros(0, bool)
     clean = _clean_values(columns, values, original)
-    as_set = iter(queries.as_set(store, [row for row in rows if not row["clean"]]))
-    taken = [row if row["clean"] else next(as_set) for row in rows]
+    as_set = queries.as_set(store, columns.conditions)
     conditions = {
-        name: np.array([np.nan if row["clean"] else row[name] for row in taken], float) for name in NAMES
-    }
+        name: np.array([at[name] for at in as_set], float) for name in NAMES
+    }  # NaN of original pictures
     group = np.where(original, -1, columns.group)
     order = np.lexsort((columns.target_id, columns.repeat, columns.picture, group))
     order = order[np.count_nonzero(original) :]
@@ -190,10 +186,11 @@ def _clean_values(
     return np.asarray(of_target[key])
 
 
-def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> list[Averages]:
+def run_averages(
+    store: Store, setup: Setup, criterion: Criterion, tables: Iterable[ScoreTable]
+) -> list[Averages]:
     """The averages from which each model's recommendations are made: pooled over speeds where motion can only hurt,
     with saturated shares as means over pictures."""
-    monotone = store.about("manifest").get("trajectory") is None
     shares = queries.saturated_shares(store)
     of_model: dict[str, list[ScoreTable]] = {}
     for table in tables:
@@ -203,23 +200,24 @@ def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> li
         of_model.setdefault(table.model, []).extend(replace(table, saturated=by_picture).split(SETTING))
     return [
         averages(
-            [pooled(each) if monotone and is_uniform(each) else each for each in own],
-            level,
-            monotone=monotone and all(map(is_uniform, own)),
+            [pooled(part) if setup.monotone and is_uniform(part) else part for part in parts],
+            criterion.level,
+            monotone=setup.monotone and all(map(is_uniform, parts)),
         )
-        for own in of_model.values()
+        for parts in of_model.values()
     ]
 
 
 def dark_below(camera: Camera) -> float:
     """Mean brightness, 0-1, of a picture at half of the level that auto-exposure aims at."""
-    black = camera.black_level_dn
-    place = round(black + _DARK * (camera.full_scale_dn - black))
+    black = camera.sensor.black_level_dn
+    place = round(black + _DARK * (camera.sensor.full_scale_dn - black))
     return int(tones_8bit(camera)[place]) / 255
 
 
-def alarm_confidence(store: Store, model: str, rate: float) -> float:
+def _alarm_confidence(store: Store, setup: Setup, model: str, rate: float) -> float:
     """The confidence above which a model's original pictures give at most ``rate`` false alarms each."""
-    (clean,) = [row for row in queries.condition_counts(store, model) if row["clean"]]
-    found = Evaluated({}, truths(store)(model) or NO_TRUTH, queries.answers_at(store, model, clean))
+    (clean,) = [row for row in queries.condition_counts(store, model) if row.conditions.original]
+    answers = queries.answers_at(store, model, clean.conditions)
+    found = Evaluated({}, truths(store, setup)(model) or NO_TRUTH, answers)
     return found.alarms_from(0.0).confidence_at(rate)

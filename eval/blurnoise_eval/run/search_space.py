@@ -13,15 +13,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise.light import conditions as exposed
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
+from blurnoise.light.resolved import Resolved
 from blurnoise.scene.plan import Contribution, plan_at
 from blurnoise.sensor.stages import DARK_CURRENT
 from blurnoise_eval.answers.plane import AT_REST, DIGITS, STILL_PX, direction_of, places_of
@@ -115,7 +115,7 @@ def what_breaks(
         > 0,
         "a longer exposure misses fewer pulses of the lamp": pulsed,
         "a capture begins at a time of its own, whatever the exposure": any(
-            each.start_s for each in camera.captures
+            each.start_s for each in camera.sensor.captures
         ),
     }
     for name in FURTHER:
@@ -128,14 +128,14 @@ def _of_time_alone(camera: Camera, question: SearchSpace) -> list[str]:
 
     At gain 0 dB: gain raises the dark charge and the noise that hides it alike.
     """
-    camera = replace(camera, captures=())  # later ones are shorter
+    camera = camera.with_figures(captures=())  # later ones are shorter
     (shortest_s, longest_s), temperature_c = question.exposures_s, question.further.get("temperature_c", 25.0)
 
     def budget(of: Camera, exposure_s: float, white_e: float) -> tuple[Contribution, ...]:
-        return plan_at(exposed.Conditions(of, exposure_s, temperature_c, white_e, (1.0, 0.0))).stages
+        return plan_at(Resolved(of, exposure_s, temperature_c, white_e, (1.0, 0.0))).stages
 
     found = [each for each in budget(camera, longest_s, 0.0) if each.name == DARK_CURRENT.name]
-    cold, bright_e = replace(camera, dark_current_e_s=0.0), camera.full_well_e
+    cold, bright_e = camera.with_figures(dark_current_e_s=0.0), camera.sensor.full_well_e
     both = zip(budget(cold, shortest_s, bright_e), budget(cold, longest_s, bright_e), strict=True)
     found += [long for short, long in both if long.contribution_dn != short.contribution_dn]
     at = f"in {1e3 * longest_s:g} ms at {temperature_c:g} °C"

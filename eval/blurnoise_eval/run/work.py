@@ -10,27 +10,29 @@ import threading
 from collections import OrderedDict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
 import torch
 
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import PictureTone
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
 from blurnoise_eval.datasets.likeness import look
-from blurnoise_eval.plan.axes import NAMES, blur_px
+from blurnoise_eval.plan.axes import blur_px
 from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan, cell_seed
 from blurnoise_eval.plan.lamps import Lamps
 from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
-from blurnoise_eval.run.exposing import Frame, Scene, frames
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View
+from blurnoise_eval.store.columns import ORIGINAL, AxisValues
+from blurnoise_eval.store.rows import CellRow, OfLamp, TargetRow
 from blurnoise_eval.store.store import CellResult, PictureFacts
 
 _CELLS = 8  # at least, that a worker computes before it reports: a block costs whoever hands it out 1 to 2 ms
@@ -130,7 +132,7 @@ class Work:
 class PreparedPicture(NamedTuple):
     """A picture as light, every model's answer to it as it is, and what of it the store notes."""
 
-    scene: Scene
+    scene: PictureScene
     views: list[View]
     facts: PictureFacts
 
@@ -139,12 +141,12 @@ class PreparedPicture(NamedTuple):
         """Raises ``UnreadablePicture``."""
         image = picture.load()
         height, width = image.shape[:2]
-        if work.camera.cfa not in ("none", "mono") and min(height, width) < 2:
+        if work.camera.sensor.cfa not in ("none", "mono") and min(height, width) < 2:
             raise UnreadablePicture(
                 f"{picture.name}: {width} x {height} px; must be at least 2 x 2 for a camera with a mosaic"
             )
         try:
-            scene = Scene(
+            scene = PictureScene(
                 image,
                 work.grey_anchor,
                 picture,
@@ -198,11 +200,16 @@ class Worker:
                     if frame.cell.conditions is None
                     else each.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
                 )
-                result = cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.facts)
-                if work.lamps is not None and work.lamps.pwm is not None:
-                    lamp = frame.exposure and frame.exposure.lamp
-                    result.cell.update(pwm_phase=lamp and lamp.phase, missed_pulse=frame.missed_pulse)
-                yield result
+                of = frame, each.model.name, work.camera, sight, example, png, prepared.facts
+                yield cell_result(*of, lamp=self._lamp(frame))
+
+    def _lamp(self, frame: Frame) -> OfLamp | None:
+        """The columns of a pulsed lamp, where the run has one."""
+        lamps = self._work.lamps
+        if lamps is None or lamps.pwm is None:
+            return None
+        lamp = None if frame.exposure is None else frame.exposure.lamp
+        return OfLamp(None if lamp is None else lamp.phase, frame.missed_pulse)
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""
@@ -230,46 +237,44 @@ def cell_result(
     example: str | None,
     example_png: bytes | None,
     facts: PictureFacts | None = None,
+    lamp: OfLamp | None = None,
 ) -> CellResult:
-    """The rows of one cell and model. example: where the frame is kept in the run's folder, as PNG."""
+    """The rows of one cell and model. example: where the frame is kept in the run's folder, as PNG. lamp: of a run
+    with a pulsed lamp."""
     cell, at, taken = frame.cell, frame.cell.conditions, frame.exposure
-    shared = {
-        "cell_id": cell.cell_id,
-        "model": model,
-        "camera": camera.name,
-        "image": cell.image,
-        "repeat": cell.repeat,
-        "clean": at is None,
-        **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
-        "blur_px": taken and at and blur_px({**at.stated, "exposure_s": taken.exposure_s}),
-    }
-    rows = [{**shared, **row, "inpainted_share": None} for row in sight.targets]
-    if taken is not None and taken.drives and rows:
+    conditions = ORIGINAL if at is None else AxisValues.of(at.on(camera))
+    moved_px = blur_px({**at.stated, "exposure_s": taken.exposure_s}) if at and taken else None
+    key = cell.cell_id, model, camera.name, cell.image, cell.repeat, conditions
+    blurs_px = [moved_px] * len(sight.targets)
+    if taken is not None and taken.drives and sight.targets:
         height, width = frame.image.shape[:2]
-        middles = torch.tensor([[row["x0"] + row["x1"], row["y0"] + row["y1"]] for row in rows]).double() / 2
-        blurs = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1).tolist()
-        rows = [{**row, "blur_px": blur} for row, blur in zip(rows, blurs, strict=True)]
-    for row in rows if at is not None else ():
-        row["inpainted_share"] = frame.invented.get(row["target_id"], 0.0)
-        row["blur_px"] = frame.own_px.get(row["target_id"], row["blur_px"])
-    invented = [row["inpainted_share"] for row in rows]
-    confidences = np.array([row["confidence"] for row in rows])
-    summary = {
-        "seed": cell.seed,
-        "n_targets": len(rows),
-        "target_confidence": float(confidences.mean()) if rows else None,
-        "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
-        "n_detections": len(sight.detections.leading),
-        "saturated_share": frame.saturated,
-        "applied_exposure_s": taken and taken.exposure_s,
-        "applied_gain_db": taken and taken.gain_db,
-        "snr_db": frame.snr_db,
-        "brightness": frame.brightness,
-        "inpainted_share": (float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
-        "simulate_ms": frame.simulate_ms,
-        "infer_ms": sight.infer_ms,
-        "error": sight.error,
-        "example": example,
-        "non_finite_values": sight.non_finite_values,
-    }
-    return CellResult({**shared, **summary}, tuple(rows), sight.detections, example_png, facts)
+        middles = torch.tensor([[row.x0 + row.x1, row.y0 + row.y1] for row in sight.targets]).double() / 2
+        blurs_px = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1).tolist()
+    rows = sight.targets
+    if at is not None:
+        blurs_px = [frame.own_px.get(row.target_id, own) for row, own in zip(rows, blurs_px, strict=True)]
+        rows = tuple(replace(row, inpainted_share=frame.invented.get(row.target_id, 0.0)) for row in rows)
+    invented = [row.inpainted_share for row in rows if row.inpainted_share is not None]
+    confidences = np.array([row.confidence for row in rows])
+    row = CellRow(
+        *key,
+        moved_px,
+        seed=cell.seed,
+        n_targets=len(rows),
+        target_confidence=float(confidences.mean()) if rows else None,
+        detection_rate=float((confidences >= FOUND_SCORE).mean()) if rows else None,
+        n_detections=len(sight.detections.leading),
+        saturated_share=frame.saturated,
+        applied_exposure_s=None if taken is None else taken.exposure_s,
+        applied_gain_db=None if taken is None else taken.gain_db,
+        snr_db=frame.snr_db,
+        brightness=frame.brightness,
+        inpainted_share=(float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
+        simulate_ms=frame.simulate_ms,
+        infer_ms=sight.infer_ms,
+        error=sight.error,
+        example=example,
+        lamp=lamp,
+    )
+    targets = tuple(TargetRow(*key, own, of) for own, of in zip(blurs_px, rows, strict=True))
+    return CellResult(row, targets, sight.detections, sight.non_finite_values, example_png, facts)

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
-from blurnoise._core.checks import one_of
 from blurnoise._core.files import check_regular
 from blurnoise._core.writing import (
     check_own_folder,
@@ -66,11 +65,6 @@ def check_outputs(folder: Path, *names: str) -> None:
             path_within(folder, path.relative_to(folder))
             if target is None:
                 raise OSError(errno.EINVAL, "is a device or a pipe; must be a file", str(path))
-
-
-def plot_suffix(path: Path) -> str:
-    """The suffix of a plot's file in lower case. Raises ``ValueError`` unless it can be written."""
-    return one_of(f"suffix of {path}", path.suffix.lower(), (".png", ".svg", ".pdf"))
 
 
 def write_figure(path: Path, figure: Any, *, dpi: int) -> None:

@@ -13,11 +13,20 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
 from typing import TYPE_CHECKING
+from weakref import finalize
 
 from blurnoise._core.writing import MANIFEST
 from blurnoise_eval.system import files
 from blurnoise_eval.system.files import RUN_FILE, RUN_FILES, check_replaceable
-from blurnoise_eval.system.urls import Location, cache_folder, explained, is_url, listing, without_secrets
+from blurnoise_eval.system.urls import (
+    Location,
+    cache_folder,
+    explained,
+    is_url,
+    listing,
+    location,
+    without_secrets,
+)
 
 if TYPE_CHECKING:
     from upath import UPath
@@ -43,8 +52,28 @@ def working_folder(where: str | Path | WorkingFolder) -> WorkingFolder:
     """A folder of this machine. Raises ``ValueError`` for a URL, which is opened by the functions below."""
     if is_url(where):
         shown = without_secrets(str(where))
-        raise ValueError(f"run = {shown!r}: is a URL; open it with written_run or read_run")
+        raise ValueError(f"run = {shown!r}: is a URL; open it with written_run")
     return where if isinstance(where, WorkingFolder) else WorkingFolder(Path(where))
+
+
+def fetched(where: str | Path | WorkingFolder) -> WorkingFolder:
+    """A folder of this machine to read a run in; one at a URL is copied to it, and deleted once nobody uses it."""
+    if not is_url(where):
+        return working_folder(where)
+    url = location(str(where))
+    if isinstance(url, Path):
+        return WorkingFolder(url)
+    runs = cache_folder() / "runs"
+    runs.mkdir(parents=True, exist_ok=True)
+    folder = WorkingFolder(Path(mkdtemp(dir=runs)), url)
+    finalize(folder, shutil.rmtree, folder.path, ignore_errors=True)
+    _get(url, [name for name in _found(url) if name.startswith(_READ)], folder.path)
+    return folder
+
+
+def _get(where: UPath, names: Collection[str], folder: Path) -> None:
+    with explained(where):
+        where.fs.get([(where / name).path for name in names], [str(folder / name) for name in names])
 
 
 @contextmanager
@@ -65,8 +94,7 @@ def written_run(where: Location, *, fetch: bool = True, results: bool = True) ->
     runs.mkdir(parents=True, exist_ok=True)
     path = Path(mkdtemp(dir=runs))
     read = [name for name in found if _is_list(name) or (fetch and name.startswith(_READ))]
-    with explained(where):
-        where.fs.get([(where / name).path for name in read], [str(path / name) for name in read])
+    _get(where, read, path)
     folder, before = WorkingFolder(path, where), listing(path)
     try:
         yield folder

@@ -15,8 +15,8 @@ from scipy.optimize import brentq
 from blurnoise import defocus, motion_blur
 from blurnoise._core.borders import BORDERS, extended
 from blurnoise.blur.convolution import NEGLIGIBLE, Method, disc, exposure_blur
-from blurnoise.optics import transfer
-from blurnoise.optics.transfer import Optics, motion_error
+from blurnoise.camera import transfer
+from blurnoise.camera.transfer import Optics, motion_error
 
 MOTIONS = st.tuples(st.floats(-30, 30), st.floats(-30, 30))
 OURS: tuple[Method, ...] = ("transfer", "tiles")

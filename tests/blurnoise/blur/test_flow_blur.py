@@ -1,6 +1,5 @@
 """Blur by a flow: a closed form of an approach, the uniform blur, its bound, and what simulate makes of it."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +9,9 @@ from blurs import flow_blur
 
 from blurnoise import Camera, motion_blur, plan, simulate
 from blurnoise._core.borders import BORDERS
+from blurnoise.camera import transfer
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
-from blurnoise.optics import transfer
-from blurnoise.optics.colour import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
 VIEW = View(61, 47, 60.0, "rectilinear")
@@ -150,7 +149,7 @@ def test_the_plan_says_when_one_motion_does():
     )
     assert (none.kept, little.kept, much.kept) == (False, False, True)
     assert none.contribution_dn == 0
-    white_dn = 6905.94 * CAMERA.system_gain_dn_per_e  # at 100 lux in 10 ms
+    white_dn = 6905.94 * CAMERA.sensor.system_gain_dn_per_e  # at 100 lux in 10 ms
     assert much.contribution_dn == pytest.approx(0.4845 * white_dn, rel=1e-3)
     assert much.contribution_dn == pytest.approx(1e6 * little.contribution_dn, rel=1e-3)
     assert "each pixel's path" in much.how
@@ -171,7 +170,7 @@ def test_a_constant_flow_is_the_uniform_motion_to_the_bit():
 @pytest.mark.parametrize("row_time_s", [0.0, 2e-5])
 def test_every_picture_has_its_own_flow(row_time_s):
     """And with a plan it is the same to a thousandth of full scale; at rest it is as without."""
-    camera = replace(CAMERA, row_time_s=row_time_s, shutter="rolling" if row_time_s else "global")
+    camera = CAMERA.with_figures(row_time_s=row_time_s, shutter="rolling" if row_time_s else "global")
     flow = torch.stack([FLOW, -0.3 * FLOW, 0 * FLOW])
     together = simulate(pictures(3), camera, velocity_px_s=flow, generator=[1, 2, 3], **GIVEN)
     for item in range(3):

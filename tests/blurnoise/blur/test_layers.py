@@ -9,19 +9,19 @@ import pytest
 import sub_exposures
 import torch
 from blurnoise_eval.datasets import segmentation
+from exposed_frames import raw_frames
 from layered_scenes import BACKGROUND, MATTE, OBJECT, OTHER, SECOND, SIZE, STILL, close, seen
 
-from blurnoise import Camera, ExposedScene, Layer, Trajectory, expose_layers, motion_blur, plan, simulate
+from blurnoise import Camera, Layer, Scene, Trajectory, expose_layers, motion_blur, plan, simulate
 from blurnoise.blur import sub_exposures as blur_sub_exposures
 from blurnoise.blur.layers import object_motion, seen_behind
-from blurnoise.light.conditions import Conditions
+from blurnoise.camera.captures import staggered
 from blurnoise.light.motion import OBJECTS
-from blurnoise.optics.captures import staggered
+from blurnoise.light.resolved import Resolved
 from blurnoise.scene import cutting
-from blurnoise.scene.hdr import captured
 
 CAMERA = Camera.preset("imx250")
-ROLLING = replace(CAMERA, row_time_s=2e-5, shutter="rolling")
+ROLLING = CAMERA.with_figures(row_time_s=2e-5, shutter="rolling")
 DARKER = 0.7 * torch.rand(1, 3, 61, 84, generator=torch.Generator().manual_seed(2))
 SQUARE = Layer(torch.full((1, 16, 20), 0.9), torch.ones(16, 20), (1600.0, 0.0), (30, 20))
 TAKEN: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 100.0}
@@ -152,7 +152,7 @@ def test_what_lies_outside_comes_in_and_what_meets_the_border_goes_on(moved_px, 
 @pytest.mark.parametrize("defocus_px", [0.0, 2.5])
 def test_simulate_exposes_what_layers_make(velocity, fidelity, defocus_px):
     """The lens blurs what the motions make, not the layers alone, whose mattes it would soften twice."""
-    camera = replace(CAMERA, defocus_radius_px=defocus_px)
+    camera = CAMERA.with_figures(defocus_radius_px=defocus_px)
     light = expose_layers(DARKER, [SQUARE], exposure_s=0.01, velocity_px_s=velocity)
     found = simulate(DARKER, camera, **MEAN, layers=[SQUARE], velocity_px_s=velocity, fidelity=fidelity)
     torch.testing.assert_close(found, simulate(light.clamp(0, 1), camera, **MEAN), rtol=0, atol=2.0)
@@ -211,17 +211,17 @@ def test_the_bound_holds_for_black_and_white(moved, background):
     apart, along = (Layer(light[0], alpha, (speed, 0.0)) for speed in (moved, background))
     taken = {"exposure_s": 1.0, "velocity_px_s": (background, 0.0)}
     one, other = (expose_layers(scene, [layer], **taken) for layer in (apart, along))
-    at = Conditions(CAMERA, 1.0, 25.0, 1.0, (background, 0.0), objects=(object_motion(apart, 1.0, (64, 80)),))
+    at = Resolved(CAMERA, 1.0, 25.0, 1.0, (background, 0.0), objects=(object_motion(apart, 1.0, (64, 80)),))
     assert float((one - other).square().mean().sqrt()) <= OBJECTS.bound(at)
 
 
 def test_later_captures_have_it_further_on():
     """The second of two, 1/8 as long and right behind the first: its middle 0.5625 of an exposure later, 9 px."""
     taken = {name: value for name, value in MEAN.items() if name != "encoding"}
-    frames = captured(ExposedScene(0 * DARKER, layers=[SQUARE]), CAMERA, staggered(8), generator=[1], **taken)
+    frames = raw_frames(Scene(0 * DARKER, layers=[SQUARE]), CAMERA, staggered(8), **taken)
     middles = []
     for frame in frames:
-        light = (frame - CAMERA.black_level_dn)[0, 0].sum(0)
+        light = (frame - CAMERA.sensor.black_level_dn)[0, 0].sum(0)
         middles.append(float((light * torch.arange(84.0)).sum() / light.sum()))
     assert middles == pytest.approx([39.5, 48.5], abs=0.1)
 

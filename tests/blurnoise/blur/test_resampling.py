@@ -14,7 +14,7 @@ from blurnoise.blur import convolution, fourier, over_the_field, resampling
 from blurnoise.blur.over_the_field import TOLERANCE, defocus, discs
 from blurnoise.blur.resampling import sampled
 from blurnoise.blur.rows import translated
-from blurnoise.optics.transfer import Optics
+from blurnoise.camera.transfer import Optics
 
 H, W = 31, 43
 

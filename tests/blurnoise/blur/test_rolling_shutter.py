@@ -15,15 +15,15 @@ from blurnoise._core.borders import extended
 from blurnoise.blur import convolution, rows
 from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import moved
+from blurnoise.camera.lens import Distortion
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions
-from blurnoise.optics.lens import Distortion, Lens
+from blurnoise.light.resolved import Resolved
 
 ROW_S, EXPOSURE_S = 3e-4, 0.01
 SIZE = (41, 67)
-GLOBAL = replace(Camera.preset("imx250"), width_px=SIZE[1], height_px=SIZE[0])
-ROLLING = replace(GLOBAL, row_time_s=ROW_S, shutter="rolling")
-RESET = replace(ROLLING, shutter="global-reset")
+GLOBAL = Camera.preset("imx250").with_figures(width_px=SIZE[1], height_px=SIZE[0])
+ROLLING = GLOBAL.with_figures(row_time_s=ROW_S, shutter="rolling")
+RESET = ROLLING.with_figures(shutter="global-reset")
 TAKEN: dict[str, Any] = {"exposure_s": EXPOSURE_S, "illuminance_lux": 100.0}
 MEAN: dict[str, Any] = {**TAKEN, "noise": False, "quantised": False, "fidelity": "full", "encoding": "linear"}
 
@@ -166,7 +166,7 @@ def test_off_is_as_it_was():
     """To the bit: no row time; and a rolling shutter before a scene at rest."""
     light = torch.rand(2, 3, *SIZE, generator=torch.Generator().manual_seed(1))
     moving: dict[str, Any] = {**TAKEN, "velocity_px_s": [(500.0, 300.0), (90.0, -20.0)], "generator": [1, 2]}
-    none, still = replace(GLOBAL, shutter="rolling"), {**TAKEN, "generator": [1, 2]}
+    none, still = GLOBAL.with_figures(shutter="rolling"), {**TAKEN, "generator": [1, 2]}
     assert torch.equal(simulate(light, none, **moving), simulate(light, GLOBAL, **moving))
     assert torch.equal(simulate(light, ROLLING, **still), simulate(light, GLOBAL, **still))
     assert not torch.equal(simulate(light, ROLLING, **moving), simulate(light, GLOBAL, **moving))
@@ -176,7 +176,7 @@ def test_pictures_of_a_batch_do_not_meet():
     light = torch.rand(3, 3, *SIZE, generator=torch.Generator().manual_seed(1))
     moves = {"velocity_px_s": [(500.0, 300.0), (90.0, -20.0), (300.0, 0.0)], "generator": [1, 2, 3]}
     moves |= {"trajectory": [None, *(Trajectory.sinusoid(3.0, 80.0, 0.1, direction_deg=d) for d in (0, 20))]}
-    camera = replace(ROLLING, defocus_radius_px=1.0)
+    camera = ROLLING.with_figures(defocus_radius_px=1.0)
     together = simulate(light, camera, **TAKEN, **moves)
     for item in range(3):
         one = {name: value[item : item + 1] for name, value in moves.items()}
@@ -187,32 +187,34 @@ def test_rows_are_read_in_the_sensor_s_time_and_upwards_as_downwards_of_the_flip
     """A picture of half the sensor's rows rolls by as much of its height."""
     light = torch.rand(1, 1, *SIZE, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     down = simulate(light, ROLLING, **MEAN, velocity_px_s=(500.0, 300.0))
-    twice = replace(ROLLING, width_px=2 * SIZE[1], height_px=2 * SIZE[0], row_time_s=ROW_S / 2)
+    twice = ROLLING.with_figures(width_px=2 * SIZE[1], height_px=2 * SIZE[0], row_time_s=ROW_S / 2)
     torch.testing.assert_close(simulate(light, twice, **MEAN, velocity_px_s=(500.0, 300.0)), down)
-    upwards = simulate(light.flip(-2), replace(ROLLING, scan="up"), **MEAN, velocity_px_s=(500.0, -300.0))
+    upwards = simulate(light.flip(-2), ROLLING.with_figures(scan="up"), **MEAN, velocity_px_s=(500.0, -300.0))
     torch.testing.assert_close(upwards.flip(-2), down, rtol=0, atol=1e-6)
 
 
-BARREL = Lens(distortion=Distortion("opencv", (-0.2, 0.02, 0.001, -0.0005)))
+BARREL = Distortion("opencv", (-0.2, 0.02, 0.001, -0.0005))
 PATH = Trajectory.sinusoid(4.0, 30.0, 0.2, direction_deg=35.0, phase_rad=0.8)
 
 
 @pytest.mark.parametrize(
-    ("place", "moves", "lens"),
+    ("place", "moves", "distortion"),
     [
-        ((24, 24), {"velocity_px_s": (400.0, -200.0)}, Lens()),
-        ((24, 24), {"trajectory": PATH}, Lens()),
+        ((24, 24), {"velocity_px_s": (400.0, -200.0)}, None),
+        ((24, 24), {"trajectory": PATH}, None),
         ((118, 86), {"velocity_px_s": (600.0, -400.0)}, BARREL),
         ((30, 84), {"velocity_px_s": (600.0, -400.0)}, BARREL),
     ],
 )
-def test_boxes_are_where_the_picture_has_them(place, moves, lens):
+def test_boxes_are_where_the_picture_has_them(place, moves, distortion):
     """A bright square's centroid over a dark ground; behind a lens that distorts either alone is elsewhere."""
-    size = (120, 160) if lens.distortion else (40, 64)
-    camera = replace(ROLLING, width_px=size[1], height_px=size[0], row_time_s=1.5e-4, lens=lens)
+    size = (120, 160) if distortion else (40, 64)
+    camera = ROLLING.with_figures(
+        width_px=size[1], height_px=size[0], row_time_s=1.5e-4, distortion=distortion
+    )
     (x, y), light = place, torch.zeros(1, 1, *size, dtype=torch.float64)
     light[..., y : y + 6, x : x + 8] = 1.0
-    weight = (simulate(light, camera, **MEAN, **moves) - camera.black_level_dn)[0, 0].clamp_min(0)
+    weight = (simulate(light, camera, **MEAN, **moves) - camera.sensor.black_level_dn)[0, 0].clamp_min(0)
     seen = [float((weight.sum(k) * (torch.arange(size[1 - k]) + 0.5)).sum() / weight.sum()) for k in (0, 1)]
     box = torch.tensor([[x, y, x + 8.0, y + 6.0]], dtype=torch.float64)
     taken = Exposure(camera, 0.01, 100.0, **moves)
@@ -221,8 +223,8 @@ def test_boxes_are_where_the_picture_has_them(place, moves, lens):
         left, top, right, bottom = of.move_boxes(box, size)[0].tolist()
         return np.array([left + right, top + bottom]) / 2
 
-    assert middle(taken) == pytest.approx(seen, abs=0.35 if lens.distortion else 0.15)
-    for wrong in (replace(camera, row_time_s=0.0), replace(camera, lens=Lens())):
+    assert middle(taken) == pytest.approx(seen, abs=0.35 if distortion else 0.15)
+    for wrong in (camera.with_figures(row_time_s=0.0), camera.with_figures(distortion=None)):
         if wrong != camera:
             assert np.hypot(*(middle(replace(taken, camera=wrong)) - seen)) > 0.25
     low_x, low_y, high_x, high_y = taken.sweep_boxes(box, size)[0].tolist()
@@ -247,18 +249,20 @@ def test_bound_holds():
     for velocity in ((20.0, 0.0), (0.0, 15.0), (60.0, -50.0)):
         displacement_px = velocity[0] / 100, velocity[1] / 100
         moved = convolution.motion_blur(light, displacement_px, method="transfer")
-        at = Conditions(ROLLING, 0.01, 25.0, 100.0, displacement_px, size=SIZE)
+        at = Resolved(ROLLING, 0.01, 25.0, 100.0, displacement_px, size=SIZE)
         changed = float((warped(moved, velocity, ROW_S, "reflect") - moved).square().mean().sqrt())
         assert 0.1 * effect.bound(at) < changed <= effect.bound(at)
 
 
-@pytest.mark.parametrize("camera", [ROLLING, replace(ROLLING, scan="up"), RESET], ids=["down", "up", "reset"])
+@pytest.mark.parametrize(
+    "camera", [ROLLING, ROLLING.with_figures(scan="up"), RESET], ids=["down", "up", "reset"]
+)
 @pytest.mark.parametrize("velocity", [(500.0, 300.0), (500.0, -300.0), (0.0, 0.0), (-300.0, 100.0)])
 def test_swept_boxes_hold_what_tall_boxes_cover_and_no_more(camera, velocity):
     """Against every row of a tall box at 4000 times: where it is exposed, the box is between two sides."""
     shake = None if velocity[0] > 0 else PATH
     left, top, right, bottom = box = (20.0, 4.0, 30.0, 36.0)
-    tau = (np.arange(40) - 19.5) * ROW_S * (-1 if camera.scan == "up" else 1)
+    tau = (np.arange(40) - 19.5) * ROW_S * (-1 if camera.sensor.scan == "up" else 1)
     starts, stops = tau - 0.005, tau + 0.005
     if camera is RESET:
         starts = np.full(40, -(0.01 + 19.5 * ROW_S) / 2)
@@ -271,7 +275,7 @@ def test_swept_boxes_hold_what_tall_boxes_cover_and_no_more(camera, velocity):
     exposed = (times >= starts[:, None]) & (times <= stops[:, None])
     there = exposed & (row >= top + y) & (row <= bottom + y)
     seen_x, seen_y = np.broadcast_to(x, there.shape)[there], np.broadcast_to(row, there.shape)[there]
-    camera = replace(camera, width_px=64, height_px=40)
+    camera = camera.with_figures(width_px=64, height_px=40)
     taken = Exposure(camera, 0.01, 100.0, velocity_px_s=velocity, trajectory=shake)
     swept = taken.sweep_boxes(torch.tensor([box], dtype=torch.float64), (40, 64))[0].numpy()
     # Rows are seen whole, half a pixel beyond their middles: at up to 1100 px/s in a row's time, 0.33 px.

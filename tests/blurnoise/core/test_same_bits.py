@@ -1,17 +1,16 @@
 """Bits that depend on nothing around a call: not on gradients, not on autocast."""
 
-from dataclasses import replace
-
 import pytest
 import torch
+from exposed_frames import batched
 
 import blurnoise
 from blurnoise import Camera
-from blurnoise.optics.camera_files import PRESETS
+from blurnoise.camera.camera_files import PRESETS
 
 PICTURES = torch.rand(2, 3, 20, 27, generator=torch.Generator().manual_seed(1))
 LIT = {"exposure_s": 0.01, "illuminance_lux": 100.0}
-ROLLING = Camera.preset("ar0237")
+HDR = Camera.preset("ar0132x3")
 LAYER = blurnoise.Layer(torch.full((3, 9, 7), 0.4), torch.ones(9, 7), (80.0, 0.0), (5, 6))
 
 
@@ -30,7 +29,11 @@ def simulated(pictures, camera="imx250c", generator=(5, 6)):
 DOORS = {
     "simulate": simulated,
     "expose_pictures": taken,
-    "expose": lambda pictures: blurnoise.ExposedScene(pictures).expose(ROLLING, **LIT, generator=[5, 6]),
+    "take": lambda pictures: (
+        blurnoise.take(
+            blurnoise.Scene(pictures), blurnoise.Exposure(HDR, **batched(LIT, 2), seed=[5, 6])
+        ).picture
+    ),
     "develop": lambda pictures: blurnoise.develop(pictures[:, :1] * 3000, Camera.preset("imx250c")),
     "motion_blur": lambda pictures: blurnoise.motion_blur(pictures, (5.3, -2.0)),
     "defocus": lambda pictures: blurnoise.defocus(pictures, 1.5),
@@ -55,8 +58,12 @@ def test_gradients_and_autocast_change_no_bit(door):
 @pytest.mark.parametrize("name", PRESETS)
 def test_no_camera_has_other_bits_with_gradients(name):
     camera = Camera.preset(name)
-    pictures = PICTURES[:, :1] if camera.cfa == "mono" else PICTURES
-    shutters = [camera] if camera.captures else [camera, replace(camera, shutter="rolling", row_time_s=2e-5)]
+    pictures = PICTURES[:, :1] if camera.sensor.cfa == "mono" else PICTURES
+    shutters = (
+        [camera]
+        if camera.sensor.captures
+        else [camera, camera.with_figures(shutter="rolling", row_time_s=2e-5)]
+    )
     for each in shutters:
         followed = taken(pictures.clone().requires_grad_(), each)
         assert torch.equal(followed, taken(pictures, each))

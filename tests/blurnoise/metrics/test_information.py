@@ -8,6 +8,7 @@ import torch
 from closed_edges import closed_edge, closed_mtf
 from scipy.ndimage import gaussian_filter
 
+from blurnoise.camera import transfer
 from blurnoise.metrics import SlantedEdge, information, slanted_edge
 from blurnoise.metrics.information import (
     _at,
@@ -18,7 +19,6 @@ from blurnoise.metrics.information import (
     shannon_capacity_square,
     square_integral,
 )
-from blurnoise.optics import transfer
 
 DOUBLE = torch.float64
 SNR_300 = {"signal_pp": 60.0, "noise_variance": 1.0}  # 60² / 12

@@ -1,7 +1,6 @@
 """Patches: SNR, contrast, detection probability, coverage of intervals; PSNR and SSIM; bad patches."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
@@ -145,13 +144,13 @@ def test_integer_pictures_and_clipping(dtype, top):
 
 
 def test_snr_of_a_simulated_patch_is_the_camera_s():
-    camera = replace(Camera.preset("imx250"), prnu=0.0, dsnu_e=0.0)
+    camera = Camera.preset("imx250").with_figures(prnu=0.0, dsnu_e=0.0)
     picture = charts.flat_patch(120, 131, reflectance=0.5)[:, :1]
     light = {"exposure_s": 0.01, "illuminance_lux": 50.0, "encoding": "linear"}
-    dn = simulate(picture, camera, **light, generator=[3]) - camera.black_level_dn
+    dn = simulate(picture, camera, **light, generator=[3]) - camera.sensor.black_level_dn
     mean = simulate(picture, camera, **light, noise=False, quantised=False)
-    signal = float(mean[0, 0, 0, 0]) - camera.black_level_dn
-    variance = camera.system_gain_dn_per_e * signal + camera.dark_variance_dn2()
+    signal = float(mean[0, 0, 0, 0]) - camera.sensor.black_level_dn
+    variance = camera.sensor.system_gain_dn_per_e * signal + camera.sensor.dark_variance_dn2()
     got = patch_snr(dn)
     assert float(got.low) < signal / math.sqrt(variance) < float(got.high)
     assert float(got.high) < 1.05 * float(got.low)

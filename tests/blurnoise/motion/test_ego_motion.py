@@ -9,8 +9,8 @@ import pytest
 from projection import projected
 
 from blurnoise import Camera, blur_pixels, velocity_px_s
+from blurnoise.camera import lens as lenses
 from blurnoise.motion.ego import EgoMotion, Lens, Vehicle, View, range_of_depth_m
-from blurnoise.optics import lens as lenses
 
 HD = View(1920, 1080, 60.0, "rectilinear")  # f = 1662.77 px
 FAST_M_S = 100 / 3.6
@@ -146,8 +146,8 @@ def test_places_are_those_of_the_whole_flow(plane_m):
 def test_a_calibrated_camera_drives_with_its_own_lens(scale):
     """The road by OpenCV: a pixel's point, seen again from where the camera is a moment later and earlier."""
     coefficients, focal_px, centre_px = (-0.2, 0.04, 0.001, -0.0005, 0.002), (400.0, 410.0), (330.0, 235.0)
-    lens = lenses.Lens(distortion=lenses.Distortion("opencv", coefficients, focal_px, centre_px))
-    camera = replace(CAMERA, width_px=640, height_px=480, lens=lens)
+    distortion = lenses.Distortion("opencv", coefficients, focal_px, centre_px)
+    camera = CAMERA.with_figures(width_px=640, height_px=480, distortion=distortion)
     matrix = np.array([[focal_px[0], 0, centre_px[0]], [0, focal_px[1], centre_px[1]], [0, 0, 1]])
     pixels = np.array([[20.0, 610.0, 333.0], [460.0, 300.0, 236.5]])
     rays = cv2.undistortPoints(pixels.T[:, None], matrix, np.array(coefficients), None, None, None,

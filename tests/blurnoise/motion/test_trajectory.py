@@ -12,8 +12,8 @@ from path_oracle import accelerated, polyline_grid, straight_path, vibration
 from blurnoise import Camera, Exposure, Trajectory, plan, simulate
 from blurnoise.blur import convolution, fourier, path_otf
 from blurnoise.blur.convolution import path_blur
+from blurnoise.camera import transfer
 from blurnoise.motion.trajectory import from_rates, from_text, shake, simplified
-from blurnoise.optics import transfer
 
 EXACT = 5e-8  # the points of a path err by 4e-8 at most, the window by 5e-10
 FOCAL_PX = 1662.77  # 1920 px over 60 degrees

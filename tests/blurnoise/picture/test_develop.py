@@ -1,7 +1,6 @@
 """Development: numbers of every type, mosaics, tone curves, JPEG: what comes back, noise, and both routes."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -12,17 +11,17 @@ import torch
 
 from blurnoise import Camera, develop, simulate
 from blurnoise._core.lookup import look_up
-from blurnoise.optics import colour
-from blurnoise.optics.colour import FilterCurves, srgb_from_linear
-from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.camera import colour
+from blurnoise.camera.colour import FilterCurves, srgb_from_linear
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.picture import steps
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated
 from blurnoise.picture.steps import demosaic
 from blurnoise.scene.exposure import Exposure
 from blurnoise.training.pictures import expose_pictures
 
-CAMERA = replace(Camera.preset("ar0237"), black_level_dn=64.0)
-NUMBERS = torch.arange(0, CAMERA.full_scale_dn + 1, 7)[None, None]
+CAMERA = Camera.preset("ar0237").with_figures(black_level_dn=64.0)
+NUMBERS = torch.arange(0, CAMERA.sensor.full_scale_dn + 1, 7)[None, None]
 LIT = {"exposure_s": 0.01, "illuminance_lux": 50.0}
 IMX250, IMX250C = Camera.preset("imx250"), Camera.preset("imx250c")
 AR0231 = ((1.3671875, -0.0546875, -0.3125), (-0.53125, 1.4609375, 0.0703125), (-0.578125, -0.25, 1.828125))
@@ -34,7 +33,7 @@ METHODS: list[Any] = ["bilinear", "edge"]
 
 def camera(cfa="RGGB", **changes):
     ccm = None if cfa == "RCCC" else AR0231
-    return replace(IMX250, **{"cfa": cfa, "quantum_efficiency": CURVES, "ccm": ccm, **changes})
+    return IMX250.with_figures(**{"cfa": cfa, "quantum_efficiency": CURVES, "ccm": ccm, **changes})
 
 
 def flat(rgb, height=9, width=11):
@@ -43,7 +42,8 @@ def flat(rgb, height=9, width=11):
 
 def filling(taker, illuminant="D55", share=0.9):
     """Light with which white is ``share`` of the range."""
-    range_e = (taker.full_scale_dn - taker.black_level_dn) / taker.system_gain_dn_per_e
+    sensor = taker.sensor
+    range_e = (sensor.full_scale_dn - sensor.black_level_dn) / sensor.system_gain_dn_per_e
     lux = share * range_e / (0.01 * electrons_per_lux_s(taker, illuminant))
     return {"exposure_s": 0.01, "illuminance_lux": lux, "illuminant": illuminant}
 
@@ -68,11 +68,11 @@ def test_numbers_beyond_the_converter_are_its_ends(kind):
 
 
 def test_what_inference_kept_serves_gradients():
-    camera = replace(CAMERA, prnu=0.0123, dsnu_e=1.5, read_noise_e=0.5, name="kept")
+    camera = CAMERA.with_figures(prnu=0.0123, dsnu_e=1.5, read_noise_e=0.5, name="kept")
     picture = torch.full((1, 3, 21, 17), 0.5)
     with torch.inference_mode():
         first = develop(simulate(picture, camera, **LIT, generator=[1]), camera)
-        assert all(not kept.is_inference() for kept in camera.fixed_pattern((3, 21, 17), 0))
+        assert all(not kept.is_inference() for kept in camera.sensor.fixed_pattern((3, 21, 17), 0))
     lux = torch.tensor(50.0, requires_grad=True)
     dn = simulate(picture, camera, exposure_s=0.01, illuminance_lux=lux, generator=[1])
     develop(dn, camera).mean().backward()
@@ -102,10 +102,10 @@ def test_compiled_code_breaks_its_graph_at_the_simulator(chain):
 
 def test_frames_that_were_not_rounded_keep_their_fractions_and_bytes_are_numbers():
     dn = torch.tensor([[[[52.7, 52.0, 53.0]]]], dtype=torch.float64)
-    span = IMX250.full_scale_dn - IMX250.black_level_dn
-    told = (develop(dn, IMX250, encoding="linear") * span + IMX250.black_level_dn).flatten().tolist()
+    span = IMX250.sensor.full_scale_dn - IMX250.sensor.black_level_dn
+    told = (develop(dn, IMX250, encoding="linear") * span + IMX250.sensor.black_level_dn).flatten().tolist()
     assert told == pytest.approx([52.7, 52.0, 53.0], abs=1e-9)
-    eight = replace(CAMERA, bit_depth=8, black_level_dn=4.0)
+    eight = CAMERA.with_figures(bit_depth=8, black_level_dn=4.0)
     coded = torch.arange(256, dtype=torch.uint8)
     assert torch.equal(develop(coded, eight), develop(coded.float(), eight))
 
@@ -131,7 +131,7 @@ def test_flat_colours_come_back(cfa, method, illuminant):
 def test_equal_filters_are_the_identity(cfa):
     """No matrix, equal curves, a constant: under every pattern what each camera of one plane gives."""
     at = {"noise": False, **LIT}
-    grey = simulate(flat((0.4, 0.4, 0.4)), replace(IMX250, quantum_efficiency=0.4), **at)
+    grey = simulate(flat((0.4, 0.4, 0.4)), IMX250.with_figures(quantum_efficiency=0.4), **at)
     taker = camera(cfa, quantum_efficiency=EVEN, ccm=None)
     dn = simulate(flat((0.4, 0.4, 0.4)), taker, **at)
     assert torch.equal(dn, grey[:, :1])
@@ -142,7 +142,7 @@ def test_equal_filters_are_the_identity(cfa):
 @pytest.mark.parametrize("well", [1.0, 0.5])
 def test_highlights_stay_white(method, well):
     """Light up to four times what fills the range, or a well below it: no tint, with noise as without."""
-    taker = camera(demosaic=method, full_well_e=IMX250.full_well_e * well)
+    taker = camera(demosaic=method, full_well_e=IMX250.sensor.full_well_e * well)
     levels = torch.linspace(0.05, 1.0, 40).view(-1, 1, 1, 1).expand(-1, 3, 10, 12)
     lit = {**filling(taker, share=4.0), "encoding": "linear"}
     seen = develop(simulate(levels, taker, noise=False, quantised=False, **lit), taker, encoding="linear")
@@ -192,7 +192,7 @@ def test_made_up_steps_take_part(monkeypatch):
     torch.testing.assert_close(develop(dn, taker), plain.flip(-1) / 2)
     torch.testing.assert_close(develop(dn.double(), taker).float(), plain.flip(-1) / 2, rtol=0, atol=5e-3)
     assert torch.equal(develop_8bit(dn, taker), (plain.flip(-1) / 2 * 255).round().byte())
-    monkeypatch.setattr(steps, "STEPS", (steps.BLACK_LEVEL, half, *steps.STEPS[1:-2]))
+    monkeypatch.setattr(steps, "STEPS", (*steps.STEPS[:2], half, *steps.STEPS[2:-2]))
     halved = develop(dn, taker, encoding="linear")
     monkeypatch.undo()
     torch.testing.assert_close(halved, develop(dn, taker, encoding="linear") / 2, rtol=0, atol=1e-6)
@@ -201,13 +201,13 @@ def test_made_up_steps_take_part(monkeypatch):
 def noisy_grey(taker, side=600):
     """Shot noise alone on grey, developed to linear light, green's variance before demosaicing being 1."""
     figures = {"read_noise_e": 0.0, "black_level_dn": 400.0, "full_well_e": 1e6, "bit_depth": 16}
-    wide, white_e = replace(taker, **figures, system_gain_dn_per_e=0.03), 1e5
+    wide, white_e = taker.with_figures(**figures, system_gain_dn_per_e=0.03), 1e5
     lit = {"exposure_s": 1.0, "illuminance_lux": white_e / electrons_per_lux_s(wide), "encoding": "linear"}
     grey = torch.full((1, 3, side, side), 0.5)
     light = simulate(grey, wide, generator=[11], quantised=False, **lit).double()
     for step in steps.active(wide):
         light = step.apply(light, steps.Development(wide, encoding="linear"))
-    per_electron = 0.03 / (wide.full_scale_dn - 400)
+    per_electron = 0.03 / (wide.sensor.full_scale_dn - 400)
     return (light - light.mean((-2, -1), keepdim=True))[0] / (per_electron * (0.5 * white_e) ** 0.5)
 
 
@@ -217,7 +217,7 @@ def test_noise_after_a_colour_matrix():
     taker = camera(quantum_efficiency=curves)
     gains = np.array(steps.site_gains(taker))[[0, 1, 3]]
     assert gains**0.5 == pytest.approx((1.155, 1, 1.237), abs=1e-3)
-    noise = noisy_grey(replace(taker, ccm=None))
+    noise = noisy_grey(taker.with_figures(ccm=None))
     plane = np.diag(gains)  # shot noise of each filter after its gain
     mixed = np.array(AR0231) @ plane @ np.array(AR0231).T
     assert np.sqrt(np.diag(mixed)) == pytest.approx((1.627, 1.587, 2.372), abs=2e-3)
@@ -281,7 +281,7 @@ def test_points_are_joined_by_straight_lines():
 
 @pytest.mark.parametrize("curve", ["filmic", ((0.0, 0.0), (0.3, 0.7), (1.0, 1.0))])
 def test_cameras_develop_by_their_curve(curve):
-    taker = replace(IMX250, tone=curve)
+    taker = IMX250.with_figures(tone=curve)
     assert tabulated(taker)
     linear = develop(numbers(), taker, encoding="linear")
     assert torch.equal(linear, develop(numbers(), IMX250, encoding="linear"))
@@ -295,7 +295,7 @@ def test_jpeg_is_opencvs_round_trip(taker, channels):
     dn = numbers(channels)
     clean = develop_8bit(dn, taker)
     for quality in (20, 95):
-        filed = replace(taker, jpeg_quality=quality)
+        filed = taker.with_figures(jpeg_quality=quality)
         assert not tabulated(filed)
         seen = develop_8bit(dn, filed)
         assert torch.equal((develop(dn, filed) * 255).round().byte(), seen)

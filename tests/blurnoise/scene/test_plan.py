@@ -1,7 +1,6 @@
 """The plan: what it leaves out stays within its tolerance, and it says so."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,22 +12,24 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from blurnoise import Camera, photoelectrons, simulate
+from blurnoise.camera.lens import Lens
+from blurnoise.camera.sensor import Sensor
 from blurnoise.scene.plan import plan
 
 BUSY = Camera(
-    name="busy",
-    pixel_pitch_um=4.0,
-    f_number=2.8,
-    transmission=0.9,
-    quantum_efficiency=0.5,
-    full_well_e=9000.0,
-    system_gain_dn_per_e=0.4,
-    read_noise_e=2.5,
-    dark_current_e_s=30.0,
-    prnu=0.01,
-    dsnu_e=3.0,
-    black_level_dn=60.0,
-    defocus_radius_px=1.2,
+    "busy",
+    Lens(f_number=2.8, transmission=0.9, defocus_radius_px=1.2),
+    Sensor(
+        pixel_pitch_um=4.0,
+        quantum_efficiency=0.5,
+        full_well_e=9000.0,
+        system_gain_dn_per_e=0.4,
+        read_noise_e=2.5,
+        dark_current_e_s=30.0,
+        prnu=0.01,
+        dsnu_e=3.0,
+        black_level_dn=60.0,
+    ),
 )
 ORDER = """distortion, objects, lateral colour, defocus, diffraction, measured MTF, motion, motion variation,
 rolling shutter, vignetting, spectral integration, PRNU, dark current, shot noise, read noise, DSNU, quantisation"""
@@ -41,7 +42,7 @@ CAMERAS = st.fixed_dictionaries(
         "dsnu_e": st.sampled_from([0.0, 0.05, 4.0]),
         "defocus_radius_px": st.sampled_from([0.0, 0.01, 1.5]),
     }
-).map(lambda figures: replace(BUSY, **figures))
+).map(lambda figures: BUSY.with_figures(**figures))
 
 
 def test_the_stages_stand_in_the_order_of_the_physics():
@@ -79,10 +80,14 @@ def test_a_larger_tolerance_keeps_less():
     st.sampled_from([0.05, 0.5, 4.0]),
 )
 @example(
-    replace(BUSY, read_noise_e=0.0, prnu=0.0, dsnu_e=0.0, defocus_radius_px=0.01), 0.03125, 30.0, 0.0234, 0.05
+    BUSY.with_figures(read_noise_e=0.0, prnu=0.0, dsnu_e=0.0, defocus_radius_px=0.01),
+    0.03125,
+    30.0,
+    0.0234,
+    0.05,
 )
 @example(
-    replace(BUSY, system_gain_dn_per_e=0.005, dark_current_e_s=0.0, prnu=0.0, dsnu_e=0.0),
+    BUSY.with_figures(system_gain_dn_per_e=0.005, dark_current_e_s=0.0, prnu=0.0, dsnu_e=0.0),
     0.125,
     30.0,
     0.0,
@@ -113,20 +118,21 @@ def test_what_is_left_out_is_within_the_tolerance(camera, exposure_s, lux, lengt
     )
     assert min(abs(rounding - each) for each in (0.0, 0.5, math.sqrt(min(lost, 0.25)))) < 1e-3
     if rounding < 1e-3:  # nothing that spreads was left out, or read noise stays
-        dithered = chosen.camera.read_noise_e * chosen.camera.system_gain_dn_per_e >= 0.5
+        dithered = chosen.camera.sensor.read_noise_e * chosen.camera.sensor.system_gain_dn_per_e >= 0.5
         assert dithered or lost <= max(1e-6, 4095 / 2**24)
 
 
 EIGHT_BIT = Camera(
-    name="8 bits of a deep well",
-    pixel_pitch_um=4.0,
-    f_number=2.8,
-    transmission=0.9,
-    quantum_efficiency=0.5,
-    full_well_e=250_000.0,
-    system_gain_dn_per_e=1e-3,
-    read_noise_e=10.0,
-    bit_depth=8,
+    "8 bits of a deep well",
+    Lens(f_number=2.8, transmission=0.9),
+    Sensor(
+        pixel_pitch_um=4.0,
+        quantum_efficiency=0.5,
+        full_well_e=250_000.0,
+        system_gain_dn_per_e=1e-3,
+        read_noise_e=10.0,
+        bit_depth=8,
+    ),
 )
 
 
@@ -146,9 +152,9 @@ def test_the_variance_after_rounding_holds_at_every_fraction_of_the_mean(read_dn
     Five standard errors of 10 000 pixels, from the law's fourth moment and the pattern's share of the mean, which a
     set of pixels has in common; beside them 1.2 tolerance^2, since rounding turns a variance by up to 13 %.
     """
-    camera = replace(EIGHT_BIT, read_noise_e=1e3 * read_dn, dsnu_e=1e3 * dsnu_dn, prnu=prnu)
+    camera = EIGHT_BIT.with_figures(read_noise_e=1e3 * read_dn, dsnu_e=1e3 * dsnu_dn, prnu=prnu)
     means = np.arange(9.0, 10.0, 0.01)
-    per_lux = photoelectrons(camera, 1.0, 0.01) * camera.system_gain_dn_per_e
+    per_lux = photoelectrons(camera, 1.0, 0.01) * camera.sensor.system_gain_dn_per_e
     dn = simulate(
         torch.ones(len(means), 1, 100, 100, dtype=torch.float64),
         camera,
@@ -181,5 +187,5 @@ def test_items_of_different_regimes_share_a_batch():
         own = {name: value[index : index + 1] for name, value in at.items()}
         assert torch.equal(simulate(images[[index]], BUSY, **own), together[[index]])
     full = together[3].double()  # wells, with read noise of 2.5 e- and 3 e- of fixed pattern
-    assert float(full.mean()) == pytest.approx(BUSY.clip_dn, abs=0.2)
+    assert float(full.mean()) == pytest.approx(BUSY.sensor.clip_dn, abs=0.2)
     assert float(full.std()) == pytest.approx(math.hypot(1.0, 1.2, 12**-0.5), rel=0.05)

@@ -2,44 +2,49 @@
 
 import math
 import weakref
-from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
+from exposed_frames import batched
 from hypothesis import given
 from hypothesis import strategies as st
 from torch.nn.functional import avg_pool2d
 
 from blurnoise import (
     Camera,
-    ExposedScene,
+    Exposure,
     Layer,
     RandomExposure,
+    Scene,
+    TakeOptions,
     Trajectory,
     develop,
     photoelectrons,
     simulate,
+    take,
 )
-from blurnoise.optics.camera import PRESETS
-from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
+from blurnoise.camera import PRESETS
+from blurnoise.camera.colour import linear_from_srgb, srgb_from_linear
+from blurnoise.camera.lens import Lens
+from blurnoise.camera.sensor import Sensor
 from blurnoise.scene.metering import AutoExposure, GreyAnchor, anchored, mean_luma
 
 CAMERA = Camera.preset("imx250")
 SMOOTH = Camera(
-    name="smooth",
-    pixel_pitch_um=4.0,
-    f_number=2.8,
-    transmission=0.9,
-    quantum_efficiency=0.5,
-    full_well_e=9000.0,
-    system_gain_dn_per_e=0.4,
-    read_noise_e=2.5,
-    dark_current_e_s=200.0,
-    prnu=0.01,
-    dsnu_e=3.0,
-    black_level_dn=60.0,
-    defocus_radius_px=1.2,
+    "smooth",
+    Lens(f_number=2.8, transmission=0.9, defocus_radius_px=1.2),
+    Sensor(
+        pixel_pitch_um=4.0,
+        quantum_efficiency=0.5,
+        full_well_e=9000.0,
+        system_gain_dn_per_e=0.4,
+        read_noise_e=2.5,
+        dark_current_e_s=200.0,
+        prnu=0.01,
+        dsnu_e=3.0,
+        black_level_dn=60.0,
+    ),
 )
 LIT: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 60.0}
 MEAN: dict[str, Any] = {"noise": False, "quantised": False, "fidelity": "full"}
@@ -53,8 +58,8 @@ def test_mean_follows_light_and_exposure():
     """Black + K rho n_e, n = 90000, within 5 standard errors; the sRGB code is linearised first."""
     linear = torch.full((1, 1, 300, 300), 0.18)
     white_e = photoelectrons(CAMERA, 40.0, 0.02)
-    expected = CAMERA.black_level_dn + CAMERA.system_gain_dn_per_e * 0.18 * white_e
-    error = 5 * CAMERA.system_gain_dn_per_e * math.sqrt((0.18 * white_e + 7) / 90000)
+    expected = CAMERA.sensor.black_level_dn + CAMERA.sensor.system_gain_dn_per_e * 0.18 * white_e
+    error = 5 * CAMERA.sensor.system_gain_dn_per_e * math.sqrt((0.18 * white_e + 7) / 90000)
     for image, encoding in ((linear, "linear"), (srgb_from_linear(linear), "srgb")):
         dn = simulate(image, CAMERA, exposure_s=0.02, illuminance_lux=40.0, encoding=encoding, generator=[5])
         assert float(dn.double().mean()) == pytest.approx(expected, abs=error)
@@ -75,11 +80,11 @@ def test_bright_scenes_saturate_and_dark_ones_are_black():
     assert bright.unique().tolist() == [4095.0]
     assert float(develop(bright, CAMERA).min()) == 1
     dark = simulate(image, CAMERA, exposure_s=0.0, illuminance_lux=1e4)
-    assert float((dark - CAMERA.black_level_dn).abs().max()) < 8 * CAMERA.read_noise_e
+    assert float((dark - CAMERA.sensor.black_level_dn).abs().max()) < 8 * CAMERA.sensor.read_noise_e
 
 
 def test_fixed_pattern_belongs_to_the_camera():
-    camera = replace(CAMERA, prnu=0.1)
+    camera = CAMERA.with_figures(prnu=0.1)
     image = torch.full((1, 1, 64, 64), 0.5)
     arguments = {"exposure_s": 0.02, "illuminance_lux": 50.0}
     one, two = (simulate(image, camera, **arguments, generator=[seed]) for seed in (1, 2))
@@ -95,7 +100,7 @@ def test_motion_is_to_the_right_and_down():
     y, x = torch.meshgrid(torch.arange(61.0) - 30, torch.arange(81.0) - 40, indexing="ij")
     image = torch.exp(-(x * x + y * y) / 8)[None, None]
     at = {"exposure_s": 0.02, "illuminance_lux": 50.0, "velocity_px_s": (1000.0, 500.0), **MEAN}
-    light = simulate(image, CAMERA, encoding="linear", **at)[0, 0] - CAMERA.black_level_dn
+    light = simulate(image, CAMERA, encoding="linear", **at)[0, 0] - CAMERA.sensor.black_level_dn
     found = [float((light * by).sum() / light.sum()) for by in (x, y, x * x, y * y, x * y)]
     assert found == pytest.approx([0, 0, 4 + 400 / 12, 4 + 100 / 12, 200 / 12], abs=0.1)
 
@@ -152,20 +157,21 @@ def test_decoding_rounds_alike_wherever_a_value_lies():
 @pytest.mark.parametrize("name", sorted(PRESETS))
 def test_light_at_rest_is_not_written_to(name):
     """Effects that have nothing to do hand their input on, which is the caller's picture."""
-    light, camera = torch.full((1, 3, 16, 20), 0.5), replace(Camera.preset(name), captures=())
+    light, camera = torch.full((1, 3, 16, 20), 0.5), Camera.preset(name).with_figures(captures=())
     for velocity in (torch.zeros(2), torch.zeros(2, 16, 20)):
         at = {"velocity_px_s": velocity, "generator": [1], **LIT}
         first = simulate(light, camera, encoding="linear", fidelity="full", **at)
         assert bool((light == 0.5).all())
-        scene = ExposedScene(light, fidelity="full")
+        scene = Scene(light)
         for _ in range(2):
-            assert torch.equal(scene.expose(camera, **at), first)
+            exposure = Exposure(camera, **batched(LIT, 1), velocity_px_s=velocity, seed=[1])
+            assert torch.equal(take(scene, exposure, TakeOptions(("raw",), fidelity="full")).raw[0], first)
 
 
 def test_a_scene_is_freed_at_once():
     """Without waiting for the collector of cycles: training makes one for every batch."""
-    scene = ExposedScene(torch.rand(1, 3, 16, 20))
-    scene.expose(Camera.preset("imx250"), exposure_s=0.01, illuminance_lux=50.0, generator=[1])
+    scene = Scene(torch.rand(1, 3, 16, 20))
+    take(scene, Exposure(Camera.preset("imx250"), 0.01, 50.0, seed=1))
     gone = weakref.ref(scene)
     del scene
     assert gone() is None
@@ -212,7 +218,7 @@ def test_rounding_lets_gradients_through_and_clipping_does_not():
 def test_gradients_stay_finite_without_light_or_read_noise(read_noise_e):
     given = inputs() | {"image": torch.zeros(1, 1, 9, 11, dtype=torch.float64)}
     values = [given[name].requires_grad_() for name in given if name != "temperature_c"]
-    camera = replace(SMOOTH, read_noise_e=read_noise_e, dark_current_e_s=0.0)
+    camera = SMOOTH.with_figures(read_noise_e=read_noise_e, dark_current_e_s=0.0)
     assert all(
         torch.isfinite(each).all() for each in torch.autograd.grad(frame(camera, **given).sum(), values)
     )
@@ -230,7 +236,7 @@ def test_exposure_has_the_gradient_of_what_it_sees(moving, shutter, layers):
     """Contrast over the exposure falls by 27 000 per second of straight motion; against frames without gradients,
     which other ways may have made.
     """
-    camera = replace(CAMERA, row_time_s=2e-6 * (shutter != "global"), shutter=shutter)
+    camera = CAMERA.with_figures(row_time_s=2e-6 * (shutter != "global"), shutter=shutter)
     still, velocity = smooth(3), torch.tensor([300.0, -200.0]).double() * (moving != "path")
     block = Layer(smooth(2, 12, 14)[0], torch.ones(12, 14).double(), (500.0, 100.0), (20, 14))
     if moving == "flow":
@@ -240,7 +246,7 @@ def test_exposure_has_the_gradient_of_what_it_sees(moving, shutter, layers):
     given |= {**MEAN, "encoding": "linear", "illuminance_lux": 50.0}
 
     def mean(exposure_s):
-        light = simulate(still, camera, exposure_s=exposure_s, **given) - camera.black_level_dn
+        light = simulate(still, camera, exposure_s=exposure_s, **given) - camera.sensor.black_level_dn
         return ((still - 0.5) * light / exposure_s).mean()
 
     exposure = torch.tensor(0.01, dtype=torch.float64, requires_grad=True)
@@ -267,7 +273,7 @@ def test_a_scene_photographed_darker_gives_the_same_frame(anchor):
     """
     bright, dark = (simulate(photograph(each), CAMERA, **LIT, **MEAN, grey_anchor=anchor) for each in (0, 2))
     white = simulate(torch.ones(1, 3, 4, 4), CAMERA, **LIT, **MEAN)
-    white_dn = float(white.mean()) - CAMERA.black_level_dn
+    white_dn = float(white.mean()) - CAMERA.sensor.black_level_dn
     scale = GreyAnchor.parse(anchor).scale(scene()[0])
     assert float((bright - dark).abs().max()) < 2.4 / 510 * (1 + 2**2) * scale * white_dn
     both = torch.cat([photograph(0), photograph(2)])
@@ -295,8 +301,8 @@ def test_more_than_white_stays():
     light = torch.full((1, 1, 40, 60), 0.05, dtype=torch.float64)
     light[..., 10:20, 20:40] = 1.0
     given = {"exposure_s": 1e-4, "illuminance_lux": 60.0, "encoding": "linear", **MEAN}
-    frame = simulate(light, CAMERA, **given, grey_anchor="0,0,10,40") - CAMERA.black_level_dn
-    white = simulate(torch.ones(1, 1, 4, 4), CAMERA, **given) - CAMERA.black_level_dn
+    frame = simulate(light, CAMERA, **given, grey_anchor="0,0,10,40") - CAMERA.sensor.black_level_dn
+    white = simulate(torch.ones(1, 1, 4, 4), CAMERA, **given) - CAMERA.sensor.black_level_dn
     assert float(frame[..., 15, 30].mean() / white.mean()) == pytest.approx(3.6, rel=1e-6)
     given |= {
         "velocity_px_s": (900.0, 0.0),
@@ -317,7 +323,7 @@ def test_anchors_are_read_written_and_of_codes_as_of_light():
         assert len(str(told.value)) < 300
     coded = (photograph(2)[0].permute(1, 2, 0) * 255).round().byte().numpy()
     expected = anchored(linear_from_srgb(photograph(2).float()), "p50")
-    torch.testing.assert_close(ExposedScene.of_picture(coded, "p50").light, expected, rtol=1e-5, atol=1e-7)
+    torch.testing.assert_close(Scene.of_picture(coded, "p50").light, expected, rtol=1e-5, atol=1e-7)
 
 
 LUX = st.floats(1e-4, 1e6)
@@ -330,7 +336,7 @@ def test_time_first_then_gain(lux, light):
     assert setting.exposure_s <= 1 / 30
     if setting.gain_db > 1e-9:
         assert setting.exposure_s == 1 / 30
-    if setting.gain_db < CAMERA.gain_max_db:
+    if setting.gain_db < CAMERA.sensor.gain_max_db:
         assert setting.reading == pytest.approx(0.18)
     else:
         assert setting.reading <= 0.18 * (1 + 1e-12)

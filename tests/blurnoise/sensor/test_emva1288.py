@@ -6,7 +6,6 @@ own camera model is not used. Expected values come from the camera's figures, no
 """
 
 import logging
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -38,16 +37,14 @@ QUANTITIES = {
 }
 """The package's name, its unit, and the tolerance, a share."""
 
-PRESET = replace(
-    Camera.preset("imx250"),
+PRESET = Camera.preset("imx250").with_figures(
     quantum_efficiency=0.6,
     dark_current_e_s=60.0,
     prnu=0.008,
     dsnu_e=1.2,
     black_level_dn=8.0,
 )
-FINE = replace(
-    PRESET,
+FINE = PRESET.with_figures(
     name="14 bit, full well below the converter's range",
     quantum_efficiency=0.7,
     full_well_e=5000.0,
@@ -61,8 +58,8 @@ FINE = replace(
     black_level_dn=200.0,
     bit_depth=14,
 )
-QUIET = replace(
-    FINE, name="read noise below one electron", read_noise_e=0.7, dark_current_e_s=8.0, dsnu_e=0.8
+QUIET = FINE.with_figures(
+    name="read noise below one electron", read_noise_e=0.7, dark_current_e_s=8.0, dsnu_e=0.8
 )
 CAMERAS = {"fine": FINE, "quiet": QUIET, "imx250": PRESET}
 
@@ -78,8 +75,8 @@ def surroundings(monkeypatch):
 
 
 def dark_electrons_s(camera):
-    doublings = (TEMPERATURE_C - camera.dark_reference_c) / camera.dark_doubling_c
-    return camera.dark_current_e_s * 2**doublings
+    doublings = (TEMPERATURE_C - camera.sensor.dark_reference_c) / camera.sensor.dark_doubling_c
+    return camera.sensor.dark_current_e_s * 2**doublings
 
 
 class Bench:
@@ -91,7 +88,7 @@ class Bench:
 
     def analysis(self, camera, seed, fidelity="auto", lines=False):
         """What the package finds in ``camera``'s frames; lines: also of rows and columns."""
-        pattern = camera.fixed_pattern((1, ROWS, COLUMNS), seed)
+        pattern = camera.sensor.fixed_pattern((1, ROWS, COLUMNS), seed)
         generator = torch.Generator().manual_seed(seed)
 
         def frames(photons, exposure_s, count):
@@ -134,13 +131,13 @@ class Bench:
     def expected(self, camera):
         dark_s = dark_electrons_s(camera)
         by_camera = (
-            camera.system_gain_dn_per_e,
-            camera.quantum_efficiency,
-            camera.read_noise_e,
+            camera.sensor.system_gain_dn_per_e,
+            camera.sensor.quantum_efficiency,
+            camera.sensor.read_noise_e,
             dark_s,
             dark_s,
         )
-        values = (*by_camera, camera.prnu, camera.dsnu_e)
+        values = (*by_camera, camera.sensor.prnu, camera.sensor.dsnu_e)
         return dict(zip(QUANTITIES, values, strict=True))
 
 
@@ -159,8 +156,8 @@ def test_rows_and_columns_are_found_in_the_frames():
 
     The deviation of 260 rows is known to 1 / sqrt(2 * 260) = 4.4 %; five of them.
     """
-    camera = replace(
-        FINE, row_noise_e=1.2, prnu_row=0.02, prnu_column=0.03, dsnu_row_e=3.0, dsnu_column_e=5.0
+    camera = FINE.with_figures(
+        row_noise_e=1.2, prnu_row=0.02, prnu_column=0.03, dsnu_row_e=3.0, dsnu_column_e=5.0
     )
     found = Bench(FINE).analysis(camera, seed=5, lines=True)
     for part, percent, offset_e, within in (

@@ -1,7 +1,6 @@
 """The CPU's route through the sensor: the formulas' law, and no bit that depends on pieces, lights or layout."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
@@ -11,16 +10,15 @@ from blurnoise._core import lookup, rng
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.sensor import readout as sensor
 
-BASE = replace(
-    Camera.preset("imx250"),
+BASE = Camera.preset("imx250").with_figures(
     name="test",
     full_well_e=9000.0,
     system_gain_dn_per_e=0.4,
     read_noise_e=2.45,
     black_level_dn=6.0,
 )
-EVERY_EFFECT = replace(BASE, name="every effect", dark_current_e_s=900.0, prnu=0.02, dsnu_e=2.0)
-CAMERAS = [BASE, EVERY_EFFECT, replace(BASE, name="quiet", read_noise_e=0.4)]
+EVERY_EFFECT = BASE.with_figures(name="every effect", dark_current_e_s=900.0, prnu=0.02, dsnu_e=2.0)
+CAMERAS = [BASE, EVERY_EFFECT, BASE.with_figures(name="quiet", read_noise_e=0.4)]
 by_camera = pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.name)
 
 
@@ -30,7 +28,7 @@ def scene(height=53, width=71):
 
 
 def exposed(light, camera, **options):
-    pattern = camera.fixed_pattern(tuple(light.shape[1:]), 3) if camera.prnu else None
+    pattern = camera.sensor.fixed_pattern(tuple(light.shape[1:]), 3) if camera.sensor.prnu else None
     given = {"exposure_s": 0.02, "temperature_c": 30.0, "generator": [5] * len(light), "white_e": 800.0}
     return sensor.read_out(light, camera, **given | {"fixed_pattern": pattern} | options)
 
@@ -55,7 +53,9 @@ def test_lights_far_apart_or_out_of_range(lights_e):
             assert float(dn.mean()) == pytest.approx(6.0, abs=5 * 0.98 / math.sqrt(dn.numel()) + 0.01)
         if white_e > 1e9:
             full = dn[light[0] > 1e-3].double()  # of the well, with its read noise of 0.98 DN
-            assert float(full.mean()) == pytest.approx(BASE.clip_dn, abs=5 * 1.02 / math.sqrt(full.numel()))
+            assert float(full.mean()) == pytest.approx(
+                BASE.sensor.clip_dn, abs=5 * 1.02 / math.sqrt(full.numel())
+            )
             assert float(full.std()) == pytest.approx(math.hypot(0.98, 12**-0.5), rel=0.05)
 
 
@@ -69,9 +69,9 @@ def test_light_lies_in_memory_as_it_likes():
 def test_tones_are_looked_up_for_every_number(fidelity, monkeypatch):
     """By OpenCV's 16-bit tables and, where it has none, by NumPy; from black to far beyond white."""
     tones = torch.randint(0, 256, (4096,), generator=torch.Generator().manual_seed(2), dtype=torch.uint8)
-    small_well, options = replace(BASE, full_well_e=5000.0), {"white_e": 30_000.0, "fidelity": fidelity}
+    small_well, options = BASE.with_figures(full_well_e=5000.0), {"white_e": 30_000.0, "fidelity": fidelity}
     numbers = exposed(scene(), small_well, **options).long()
-    assert small_well.clip_dn <= int(numbers.max()) <= small_well.clip_dn + 6 * 0.4 * 2.45 + 0.5
+    assert small_well.sensor.clip_dn <= int(numbers.max()) <= small_well.sensor.clip_dn + 6 * 0.4 * 2.45 + 0.5
     assert int(numbers.min()) < 20
     for wide in (lookup._LOOKS_UP_16_BITS, False):
         monkeypatch.setattr(lookup, "_LOOKS_UP_16_BITS", wide)
@@ -95,7 +95,7 @@ def test_fields_of_ones_own_are_taken_as_given(camera):
 
 def test_sixteen_bits_are_all_there():
     """A ramp without noise from below black to beyond full scale: every code in between, exactly."""
-    deep = replace(BASE, bit_depth=16, system_gain_dn_per_e=7.0, black_level_dn=100.0, full_well_e=1e5)
+    deep = BASE.with_figures(bit_depth=16, system_gain_dn_per_e=7.0, black_level_dn=100.0, full_well_e=1e5)
     ramp = torch.linspace(-500, 70_000, 70_501, dtype=torch.float64)[None, None, None]
     dn = exposed(ramp / 7, deep, white_e=1.0, noise=False)
     assert torch.equal(dn, (ramp.clamp(min=0) + 100).clamp(max=65_535))

@@ -1,16 +1,14 @@
 """Mosaics: which light reaches which pixel, one plane of it, and one field of noise."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 from generic_filters import behind_generic_filters
 
-from blurnoise import Camera, ExposedScene, Exposure, develop, photoelectrons, simulate
-from blurnoise.optics import radiometry
-from blurnoise.optics.colour import FilterCurves, inverse
-from blurnoise.optics.radiometry import colour_shares, filter_electrons
+from blurnoise import Camera, Exposure, Scene, develop, photoelectrons, simulate, take_each
+from blurnoise.camera import radiometry
+from blurnoise.camera.colour import FilterCurves, inverse
+from blurnoise.camera.radiometry import colour_shares, filter_electrons
 from blurnoise.picture.develop import develop_8bit, in_channels
 from blurnoise.picture.steps import magnification
 
@@ -23,7 +21,7 @@ PATTERNS = ["RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 
 def camera(cfa, **changes):
     curves = {"quantum_efficiency": CURVES} if cfa not in ("none", "mono") else {}
-    return replace(IMX250, **{"cfa": cfa, **curves, **changes})
+    return IMX250.with_figures(**{"cfa": cfa, **curves, **changes})
 
 
 def light(height=15, width=21, count=2):
@@ -45,7 +43,7 @@ def test_each_pixel_keeps_its_filters_colour(cfa):
 @pytest.mark.parametrize("cfa", PATTERNS)
 @pytest.mark.parametrize("illuminant", ["D55", "planck:2856"])
 def test_white_gives_each_filter_its_electrons(cfa, illuminant):
-    taker = camera(cfa, ccm=None if cfa == "RCCC" else IMX250C.ccm)
+    taker = camera(cfa, ccm=None if cfa == "RCCC" else IMX250C.isp.ccm)
     electrons = filter_electrons(taker, illuminant)
     expected = torch.tensor([electrons[letter] for letter in cfa]) / max(electrons.values())
     for channels in (1, 3):
@@ -57,7 +55,7 @@ def test_white_gives_each_filter_its_electrons(cfa, illuminant):
 def test_colours_outside_the_cameras_are_no_light():
     rows = ((2.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     taker = camera("RGGB", ccm=rows)
-    assert inverse(taker.ccm)[0] == pytest.approx((0.5, 0.5, 0.0))
+    assert inverse(taker.isp.ccm)[0] == pytest.approx((0.5, 0.5, 0.0))
     wide = camera("RGGB", ccm=((0.5, 0.5, 0.0), *rows[1:]))  # its inverse: 2 R - G
     picture = torch.tensor([[0.2, 0.9, 0.1], [0.9, 0.2, 0.1]]).view(2, 3, 1, 1).expand(-1, -1, 4, 4)
     seen = radiometry.on_sensor(picture, wide)
@@ -93,11 +91,13 @@ def test_scenes_and_simulate_give_the_same_bits(cfa, jpeg_quality, channels):
     coded = (light(33, 47, 1)[0, :channels].permute(1, 2, 0) * 255).round().byte().numpy()
     taker = camera(cfa, jpeg_quality=jpeg_quality, prnu=0.01, dark_current_e_s=50.0, row_noise_e=9.0)
     if taker.cfa not in ("none", "mono"):
-        taker = replace(taker, quantum_efficiency=behind_generic_filters(0.6))  # whose ratios are the light's
-    scene = ExposedScene.of_picture(np.ascontiguousarray(coded), illuminant="planck:3000")
+        taker = taker.with_figures(
+            quantum_efficiency=behind_generic_filters(0.6)
+        )  # whose ratios are the light's
+    scene = Scene.of_picture(np.ascontiguousarray(coded), illuminant="planck:3000")
     at = [Exposure(taker, 0.004, lux, (900.0, -300.0), gain_db=27.0, seed=5) for lux in (20.0, 60.0)]
     at.append(Exposure(taker, 0.02, 60.0, seed=6))
-    for exposure, frame in zip(at, scene.frames(at), strict=True):
+    for exposure, frame in zip(at, take_each(scene, at), strict=True):
         by, digital_db = exposure.amplified
         dn = simulate(
             torch.from_numpy(coded).permute(2, 0, 1)[None] / 255, by,
@@ -106,14 +106,15 @@ def test_scenes_and_simulate_give_the_same_bits(cfa, jpeg_quality, channels):
             tolerance_dn=0.1 / 10 ** (digital_db / 20) / magnification(by, "planck:3000"),
         )  # fmt: skip
         seen = in_channels(develop_8bit(dn, by, digital_db, "planck:3000"), channels)
-        assert frame.picture.shape == coded.shape
-        assert np.array_equal(frame.picture, seen[0].permute(1, 2, 0).numpy())
+        (image,) = frame.images()
+        assert image.shape[:2] == coded.shape[:2]
+        assert np.array_equal(in_channels(frame.eight_bit, channels), seen)
 
 
 def test_gradients_go_through_the_mosaic():
     """Those of the picture against differences: one pixel's red moves its own site's number."""
     picture = light(6, 8, 1).double().requires_grad_()
-    taker = camera("RGGB", ccm=IMX250C.ccm)
+    taker = camera("RGGB", ccm=IMX250C.isp.ccm)
     options = {"encoding": "linear", "noise": False, "quantised": False, **CONDITIONS}
 
     def total(image):

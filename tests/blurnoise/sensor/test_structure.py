@@ -1,7 +1,6 @@
 """Noise and fixed patterns of rows, columns and frames, and the bend: samples against closed forms."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
@@ -10,19 +9,19 @@ from blurnoise import Camera, plan
 from blurnoise._core.threads import WORTH_IT
 from blurnoise.sensor import readout as sensor
 
-BASE = replace(
-    Camera.preset("imx250"), name="test", quantum_efficiency=0.6, full_well_e=9000.0, system_gain_dn_per_e=0.8,
+BASE = Camera.preset("imx250").with_figures(
+    name="test", quantum_efficiency=0.6, full_well_e=9000.0, system_gain_dn_per_e=0.8,
     read_noise_e=3.0, black_level_dn=200.0, bit_depth=14,
 )  # fmt: skip
-LINES = replace(BASE, row_noise_e=4.0, column_noise_e=2.0, black_level_drift_dn=1.5)
-FIXED = replace(
-    BASE, prnu=0.01, prnu_row=0.03, prnu_column=0.02, dsnu_e=3.0, dsnu_row_e=5.0, dsnu_column_e=8.0
+LINES = BASE.with_figures(row_noise_e=4.0, column_noise_e=2.0, black_level_drift_dn=1.5)
+FIXED = BASE.with_figures(
+    prnu=0.01, prnu_row=0.03, prnu_column=0.02, dsnu_e=3.0, dsnu_row_e=5.0, dsnu_column_e=8.0
 )
-BENT = replace(BASE, photon_transfer=((0.2, 1.1), (0.5, 0.9), (0.9, 0.4)))
-STRAIGHT = replace(
-    FIXED, row_noise_e=4.0, column_noise_e=2.0, black_level_drift_dn=1.5, dark_current_e_s=900.0
+BENT = BASE.with_figures(photon_transfer=((0.2, 1.1), (0.5, 0.9), (0.9, 0.4)))
+STRAIGHT = FIXED.with_figures(
+    row_noise_e=4.0, column_noise_e=2.0, black_level_drift_dn=1.5, dark_current_e_s=900.0
 )
-EVERY = replace(STRAIGHT, photon_transfer=BENT.photon_transfer)
+EVERY = STRAIGHT.with_figures(photon_transfer=BENT.sensor.photon_transfer)
 COUNT, HEIGHT, WIDTH, MEAN_E = 1500, 24, 31, 100.0
 ROUTES = {
     "one draw": (3.0, "auto"), "counts": (0.5, "auto"), "exact": (3.0, "full"), "with derivatives": (3.0, "auto"),
@@ -35,7 +34,7 @@ def frames(camera, mean_e, shape, route="one draw", **more):
     read_noise_e, fidelity = ROUTES[route]
     light = torch.full(shape, mean_e, dtype=torch.float64, requires_grad=route == "with derivatives")
     given = {"exposure_s": 0.01, "temperature_c": 20.0, "generator": list(range(shape[0]))}
-    camera = replace(camera, read_noise_e=read_noise_e)
+    camera = camera.with_figures(read_noise_e=read_noise_e)
     return sensor.read_out(light, camera, **given, fidelity=fidelity, **more).detach()
 
 
@@ -67,7 +66,7 @@ def test_variances_of_row_means_column_means_frame_means_and_pixels(route):
 def test_each_is_added_to_the_frame_as_it_is_and_shared_by_what_it_belongs_to(figure, alike):
     """Before rounding: the rest of the frame keeps its bits; the colours of three sensors have their own lines."""
     still = frames(BASE, 3000.0, (3, 3, 15, 21), quantised=False)
-    added = frames(replace(BASE, **{figure: 2.0}), 3000.0, (3, 3, 15, 21), quantised=False) - still
+    added = frames(BASE.with_figures(**{figure: 2.0}), 3000.0, (3, 3, 15, 21), quantised=False) - still
     first = added
     for dimension in alike:
         first = first.narrow(dimension, 0, 1)
@@ -77,11 +76,11 @@ def test_each_is_added_to_the_frame_as_it_is_and_shared_by_what_it_belongs_to(fi
 
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
 @pytest.mark.parametrize(
-    "camera", [EVERY, STRAIGHT, replace(BASE, read_noise_e=0.4)], ids=["bent", "straight", "quiet"]
+    "camera", [EVERY, STRAIGHT, BASE.with_figures(read_noise_e=0.4)], ids=["bent", "straight", "quiet"]
 )
 def test_bits_depend_on_neither_batch_nor_threads_nor_pieces(camera, fidelity, monkeypatch):
     light = torch.rand(2, 1, 401, 353, generator=torch.Generator().manual_seed(1)) * 6000
-    pattern = camera.fixed_pattern((1, 401, 353), 3)
+    pattern = camera.sensor.fixed_pattern((1, 401, 353), 3)
     given = {"exposure_s": 0.02, "fixed_pattern": pattern, "fidelity": fidelity}
     together = sensor.read_out(light, camera, generator=[7, 8], **given)
     assert together.numel() > WORTH_IT
@@ -102,7 +101,7 @@ def test_bits_depend_on_neither_batch_nor_threads_nor_pieces(camera, fidelity, m
 def test_the_fast_route_gives_the_references_frame(white_e, monkeypatch):
     """But for rounding of single precision, and several lights of one frame share its rows."""
     light = torch.rand(1, 3, 53, 71, generator=torch.Generator().manual_seed(1))
-    given = {"exposure_s": 0.02, "fixed_pattern": STRAIGHT.fixed_pattern((3, 53, 71), 3)}
+    given = {"exposure_s": 0.02, "fixed_pattern": STRAIGHT.sensor.fixed_pattern((3, 53, 71), 3)}
     lights, lights_e = light.expand(2, -1, -1, -1), [white_e, 100.0]
     fast = sensor.read_out(light, STRAIGHT, white_e=white_e, generator=[5], **given)
     both = sensor.read_out(lights, STRAIGHT, white_e=lights_e, generator=[5, 5], **given)
@@ -118,7 +117,7 @@ def test_fixed_patterns_of_rows_and_columns(place, pixel, row, column):
     """Variances of the means of 400 rows and 500 columns, to 5 sqrt(2 / n) each, and what is left of the pixels."""
 
     def split(camera):
-        field = camera.fixed_pattern((1, 400, 500), 3)[place][0].double()
+        field = camera.sensor.fixed_pattern((1, 400, 500), 3)[place][0].double()
         rows, columns = field.mean(1, keepdim=True), field.mean(0, keepdim=True)
         return rows, columns, field - rows - columns + field.mean()
 
@@ -129,7 +128,7 @@ def test_fixed_patterns_of_rows_and_columns(place, pixel, row, column):
         (left, pixel**2 * 399 / 400 * 499 / 500, 200_000),
     ):
         assert float(found.var()) == pytest.approx(expected, rel=5 * math.sqrt(2 / n))
-    plain = split(replace(BASE, prnu=0.01, dsnu_e=3.0))[2]  # of the pixels: as without the others
+    plain = split(BASE.with_figures(prnu=0.01, dsnu_e=3.0))[2]  # of the pixels: as without the others
     torch.testing.assert_close(left, plain, rtol=0, atol=1e-3 * pixel)
 
 
@@ -138,7 +137,7 @@ def test_fixed_patterns_of_rows_and_columns(place, pixel, row, column):
 def test_the_bend_is_in_the_variance_and_not_in_the_mean(share, factor, route):
     """n = 120 000 pixels: mean to 5 sigma / sqrt(n), variance to 5 sqrt(2 / n); factors by hand, at the points'
     ends held."""
-    mean_e = share * BENT.saturation_e
+    mean_e = share * BENT.sensor.saturation_e
     dn = frames(BENT, mean_e, (1, 1, 300, 400), route)
     variance = 0.64 * (factor * mean_e + ROUTES[route][0] ** 2) + 1 / 12
     assert float(dn.mean()) == pytest.approx(200 + 0.8 * mean_e, abs=5 * math.sqrt(variance / dn.numel()))
@@ -149,7 +148,7 @@ def test_gradients_pass_the_bend_rows_and_columns():
     """Central differences before rounding, of every pixel by its own light."""
     light = torch.linspace(500, 5500, 35, dtype=torch.float64).view(1, 1, 5, 7)
     given = {"exposure_s": 0.02, "generator": [4], "quantised": False}
-    given["fixed_pattern"] = EVERY.fixed_pattern((1, 5, 7), 1)
+    given["fixed_pattern"] = EVERY.sensor.fixed_pattern((1, 5, 7), 1)
     asked = light.clone().requires_grad_()
     sensor.read_out(asked, EVERY, **given).sum().backward()
     ends = [sensor.read_out(light + step, EVERY, **given) for step in (0.01, -0.01)]
@@ -158,10 +157,14 @@ def test_gradients_pass_the_bend_rows_and_columns():
 
 def test_plans_leave_out_what_does_not_matter():
     """A bend of bright light where there is none, rows below the tolerance; and say what they keep."""
-    bent = replace(BENT, photon_transfer=((0.5, 1.0), (0.9, 0.4)), row_noise_e=1e-3, column_noise_e=2.0)
+    bent = BENT.with_figures(photon_transfer=((0.5, 1.0), (0.9, 0.4)), row_noise_e=1e-3, column_noise_e=2.0)
     dim, bright = (plan(bent, exposure_s=0.01, illuminance_lux=lux) for lux in (1.0, 500.0))
-    assert (dim.camera.photon_transfer, dim.camera.row_noise_e, dim.camera.column_noise_e) == ((), 0.0, 2.0)
-    assert bright.camera.photon_transfer == bent.photon_transfer
+    assert (
+        dim.camera.sensor.photon_transfer,
+        dim.camera.sensor.row_noise_e,
+        dim.camera.sensor.column_noise_e,
+    ) == ((), 0.0, 2.0)
+    assert bright.camera.sensor.photon_transfer == bent.sensor.photon_transfer
     said = {each.name: each for each in bright.stages}
     assert said["column noise"].contribution_dn == pytest.approx(0.8 * 2.0)
     assert said["row noise"].how == "left out: within the tolerance"
@@ -171,8 +174,8 @@ def test_plans_leave_out_what_does_not_matter():
 
 def test_a_pixels_noise_in_the_dark_holds_that_of_its_row_and_column():
     """sqrt(9 + 16 + 4) e-: threshold and range rest on it; a well counts as full three deviations below its end."""
-    assert LINES.dark_noise_e == pytest.approx(math.sqrt(29))
-    assert LINES.dark_variance_dn2(5.0) == pytest.approx(0.64 * 34 + 1 / 12)
-    assert LINES.threshold_e == pytest.approx(0.5 + math.sqrt(0.25 + 29 + 1 / 12 / 0.64))
-    wide = replace(LINES, dsnu_row_e=5.0, dsnu_column_e=8.0)
-    assert wide.saturated_dn == math.floor(0.8 * (9000 - 3 * math.sqrt(29 + 89)) + 200)
+    assert LINES.sensor.dark_noise_e == pytest.approx(math.sqrt(29))
+    assert LINES.sensor.dark_variance_dn2(5.0) == pytest.approx(0.64 * 34 + 1 / 12)
+    assert LINES.sensor.threshold_e == pytest.approx(0.5 + math.sqrt(0.25 + 29 + 1 / 12 / 0.64))
+    wide = LINES.with_figures(dsnu_row_e=5.0, dsnu_column_e=8.0)
+    assert wide.sensor.saturated_dn == math.floor(0.8 * (9000 - 3 * math.sqrt(29 + 89)) + 200)

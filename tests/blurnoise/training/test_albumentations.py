@@ -3,7 +3,6 @@
 import json
 import os
 import pickle
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -38,7 +37,7 @@ KINDS: dict[str, Any] = {
         "ar0237", moves=("all", "targets"), gain_db="auto", grow_boxes=True, p=1.0
     ),
     "cameras": lambda: RandomExposure(
-        [replace(Camera.preset("imx250c"), read_noise_e=9.0), "ar0132x3"], encoding="linear", p=1.0
+        [Camera.preset("imx250c").with_figures(read_noise_e=9.0), "ar0132x3"], encoding="linear", p=1.0
     ),
     "road": lambda: RandomExposure(ego_kmh=(10.0, 50.0), p=1.0),
     "table": lambda: RandomExposure(table=TABLE, channels="bgr", p=1.0),

@@ -3,7 +3,6 @@
 import copy
 import math
 import pickle
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -27,7 +26,7 @@ LIT = Exposure(Camera.preset("imx250"), 0.02, 80.0)
 def test_is_simulate_and_develop(encoding, channels):
     torch.manual_seed(0)
     image = pictures(channels=channels)
-    warm = replace(Camera.preset("imx250"), dark_current_e_s=2000.0)
+    warm = Camera.preset("imx250").with_figures(dark_current_e_s=2000.0)
     cameras = (warm, Camera.preset("ar0237"))
     conditions = {"temperature_c": (0, 60), "gain_db": 0.0, "exposure_s": (0.001, 0.06)}
     aug = RandomExposure(cameras, **conditions, encoding=encoding, fidelity="full", p=1.0)
@@ -192,7 +191,7 @@ def test_wrong_pictures_are_named(image, given, said):
 @pytest.mark.parametrize("channels", [1, 3])
 def test_colour_cameras_return_the_shape_they_got(channels):
     """A camera each: with filters, of one plane, with a sensor for each colour; one plane comes out grey."""
-    mono = replace(Camera.preset("imx250"), cfa="mono")
+    mono = Camera.preset("imx250").with_figures(cfa="mono")
     cameras = (Camera.preset("imx250c"), mono, Camera.preset("imx250"))
     image = pictures(channels=channels)[:1].expand(3, -1, -1, -1)
     seen = exposed(image, cameras, seeds=[4, 5, 6], **AT)

@@ -2,7 +2,6 @@
 
 import importlib.util
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,15 +11,15 @@ from batches import one_of, pictures
 from exposures import exposed
 
 from blurnoise import Camera, RandomExposure, develop, simulate
+from blurnoise.camera.captures import Capture, staggered
+from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.light.lamp import Pwm
-from blurnoise.optics.captures import Capture, staggered
-from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.picture import fusion
 from blurnoise.training.ranges import ExposureRanges
 
 IMX250 = Camera.preset("imx250")
-FINE = replace(IMX250, bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of
-THREE = replace(FINE, name="three", captures=staggered(16, 256))
+FINE = IMX250.with_figures(bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of
+THREE = FINE.with_figures(name="three", captures=staggered(16, 256))
 LED = Pwm(90.0, 0.1)
 AT: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 80.0}
 
@@ -78,7 +77,7 @@ def test_a_picture_depends_on_its_own_camera_lamp_and_seed_alone():
     image, masks = pictures(4, 3, 30, 41), torch.zeros(4, 1, 30, 41)
     for item in range(4):
         masks[item, :, 8 + item : 20, 10 + item : 25] = 1.0
-    cameras = ["imx250", THREE, replace(Camera.preset("imx250c"), captures=staggered(16)), THREE]
+    cameras = ["imx250", THREE, Camera.preset("imx250c").with_figures(captures=staggered(16)), THREE]
     lamps = [LED.with_phase_of(1), None, LED.with_phase_of(2), LED.with_phase_of(3)]
     given: dict[str, Any] = {
         "exposure_s": torch.tensor([0.002, 0.02, 0.004, 0.003]),
@@ -110,7 +109,7 @@ def test_captures_lamps_and_shakes_are_replayed():
 def test_one_capture_with_a_gain_is_the_camera_at_that_gain(gain_db):
     image = pictures(2, 3, 24, 31)
     seen = exposed(
-        image, replace(IMX250, captures=(Capture(gain_db=6.0),)), gain_db=gain_db, seeds=[1, 2], **AT
+        image, IMX250.with_figures(captures=(Capture(gain_db=6.0),)), gain_db=gain_db, seeds=[1, 2], **AT
     )
     reader, digital_db = IMX250.at_gain(6.0 + gain_db)
     assert torch.equal(
@@ -129,7 +128,7 @@ def test_a_lamp_lights_targets_that_move_before_their_background(lights):
     still = exposed(image, FINE, speed_px_s=0.0, **at, **lamp)
     middle = moved[..., 15:25, 25:35].mean() / still[..., 15:25, 25:35].mean()
     assert float(middle) == pytest.approx(1.0, abs=0.03)
-    per_white = electrons_per_lux_s(FINE) * 0.001 * 4.0 / FINE.saturation_e
+    per_white = electrons_per_lux_s(FINE) * 0.001 * 4.0 / FINE.sensor.saturation_e
     assert float(still[..., 15:25, 25:35].mean()) == pytest.approx(5 * per_white, rel=0.05)
 
 
@@ -170,10 +169,10 @@ def test_torchvision_and_albumentations_take_lamps_and_captures():
         ({"lamp_hz": 90.0, "lamp_duty": (0.0, 0.5)}, "lamp_duty = 0.0: must be finite and > 0 and <= 1"),
         ({"lamp_hz": 90.0, "lamp_lights": "lamps"}, "lamp_lights = 'lamps': must be one of 'all', 'targets'"),
         (
-            {"camera": replace(IMX250, captures=(Capture(), Capture(16.0, start_s=0.02))), "exposure_s": 0.03},
+            {"camera": IMX250.with_figures(captures=(Capture(), Capture(16.0, start_s=0.02))), "exposure_s": 0.03},
             "captures: number 2, 20 to 21.875 ms, overlaps number 1, 0 to 30 ms",
         ),
-        ({"camera": replace(IMX250, captures=(Capture(), Capture(0.5)))}, "captures: number 2 saturates at"),
+        ({"camera": IMX250.with_figures(captures=(Capture(), Capture(0.5)))}, "captures: number 2 saturates at"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_named(given, message):

@@ -18,8 +18,8 @@ from kornia.geometry.boxes import Boxes
 from torch.nn.functional import avg_pool2d
 
 from blurnoise import Camera, develop, simulate
+from blurnoise.camera.colour import linear_from_srgb
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.colour import linear_from_srgb
 from blurnoise.scene import cutting
 from blurnoise.training.augmentation import RandomExposure
 from blurnoise.training.ranges import ExposureRanges, velocity_px_s
@@ -33,7 +33,7 @@ SIDEWAYS = Vehicle(heading_deg=90.0, height_m=1e5, plane_m=WALL_M, hfov_deg=60.0
 """Along a wall that is all of the picture, at one distance: f v / Z px/s to the right, everywhere."""
 ROAD = Vehicle(height_m=1.5, hfov_deg=60.0, lens="rectilinear")
 FOCAL_PX = SIZE[1] / 2 / math.tan(math.radians(30))
-RESET = replace(Camera.preset("ar0237"), shutter="global-reset")
+RESET = Camera.preset("ar0237").with_figures(shutter="global-reset")
 
 
 def batch(count=3):
@@ -143,7 +143,7 @@ def test_parts_move_before_cameras_that_shake_and_read_row_by_row(camera, shake_
 def test_every_picture_is_simulated_with_the_flow_of_its_own_camera_and_speed():
     """Whose focal length is that of its field of view, whatever is beside it; one at rest is as still."""
     image, speeds = batch(4)[0], [30.0, 90.0, 0.0, 60.0]
-    cameras = [CAMERA, replace(CAMERA, hfov_deg=30.0), CAMERA, replace(CAMERA, hfov_deg=30.0)]
+    cameras = [CAMERA, CAMERA.with_figures(hfov_deg=30.0), CAMERA, CAMERA.with_figures(hfov_deg=30.0)]
     vehicle = replace(ROAD, hfov_deg=None, pitch_deg=5.0)
     found = exposed(image, cameras, ego_kmh=speeds, vehicle=vehicle)
     assert torch.equal(found[2], exposed(image)[2])

@@ -4,7 +4,6 @@ import copy
 import json
 import math
 import pickle
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +43,7 @@ def run(folder, **changes):
     """A sweep's folder, of which only the table of conditions stands."""
     row = {"velocity_x_px_s": 30.0, "velocity_y_px_s": -40.0, "temperature_c": 40.0, "gain_db": 6.0}
     held = {
-        "cameras": [IMX250.to_dict(), replace(IMX250, f_number=4.0).to_dict()],
+        "cameras": [IMX250.to_dict(), IMX250.with_figures(f_number=4.0).to_dict()],
         "auto_exposure": None,
         "conditions": [
             {"exposure_s": 0.01, "illuminance_lux": 5.0, **row, "moves": "all", "camera": 0},
@@ -179,7 +178,7 @@ def test_a_runs_rows_keep_what_belongs_together(tmp_path):
     moves = [exposure.moves for exposure in aug.ranges.exposures(params)]
     assert moves == ["all" if own else "targets" for own in first.tolist()]
     assert torch.equal(params["camera_index"] == 0, first)
-    assert [camera.f_number for camera in aug.ranges.cameras] == [1.4, 4.0]
+    assert [camera.lens.f_number for camera in aug.ranges.cameras] == [1.4, 4.0]
     assert torch.allclose(params["speed_px_s"], torch.tensor(50.0))
     assert params["direction_deg"].numpy() == pytest.approx(math.degrees(math.atan2(4, 3)))  # up as displayed
     assert params["gain_db"].unique().tolist() == [6.0]

@@ -1,6 +1,5 @@
 """Labels under an exposure: masks and keypoints stand where the exposed object is, and in every door alike."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,22 +15,22 @@ from kornia.augmentation import (
 )
 
 from blurnoise import Camera, Exposure, RandomExposure, labels_numpy
+from blurnoise.camera.lens import Distortion
 from blurnoise.motion.trajectory import shake
-from blurnoise.optics.lens import Distortion, Lens
 from blurnoise.training.labels import keypoints_after, masks_after, of_targets
 
 SIZE = H, W = (121, 163)
-GLOBAL = replace(Camera.preset("imx250"), read_noise_e=0.1, dark_current_e_s=0.0)
-ROLLING = replace(GLOBAL, shutter="rolling", row_time_s=8e-6)
-READOUT_S = 8e-6 * GLOBAL.height_px  # 16 ms
-BARREL = Lens(distortion=Distortion("opencv", (-0.2, 0.02, 0.001, 0.002)))
+GLOBAL = Camera.preset("imx250").with_figures(read_noise_e=0.1, dark_current_e_s=0.0)
+ROLLING = GLOBAL.with_figures(shutter="rolling", row_time_s=8e-6)
+READOUT_S = 8e-6 * GLOBAL.sensor.height_px  # 16 ms
+BARREL = Distortion("opencv", (-0.2, 0.02, 0.001, 0.002))
 CAMERAS = {
     "rolling": ROLLING,
-    "upwards": replace(ROLLING, scan="up"),
-    "reset": replace(ROLLING, shutter="global-reset"),
-    "barrel": replace(GLOBAL, lens=BARREL),
-    "pincushion": replace(GLOBAL, lens=Lens(distortion=Distortion("opencv", (0.2, 0.0, 0.0, 0.0)))),
-    "rolling barrel": replace(ROLLING, lens=BARREL),
+    "upwards": ROLLING.with_figures(scan="up"),
+    "reset": ROLLING.with_figures(shutter="global-reset"),
+    "barrel": GLOBAL.with_figures(distortion=BARREL),
+    "pincushion": GLOBAL.with_figures(distortion=Distortion("opencv", (0.2, 0.0, 0.0, 0.0))),
+    "rolling barrel": ROLLING.with_figures(distortion=BARREL),
 }
 LIT: dict[str, Any] = {"exposure_s": 0.004, "illuminance_lux": 80.0, "encoding": "linear"}
 MOTIONS: dict[str, dict[str, Any]] = {

@@ -1,7 +1,6 @@
 """Frames that no camera can be measured from are refused in one line that says which they are."""
 
 import re
-from dataclasses import replace
 
 import cv2
 import made_frames
@@ -10,10 +9,9 @@ import pytest
 import torch
 from blurnoise_eval.calibration.fit import measure
 
-from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.camera.colour import srgb_from_linear
 
-CAMERA = replace(
-    made_frames.drawn_camera(2),
+CAMERA = made_frames.drawn_camera(2).with_figures(
     full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=4.0, prnu=0.01, dsnu_e=2.0, black_level_dn=20.0,
     bit_depth=12,
 )  # fmt: skip

@@ -1,14 +1,11 @@
 """Numbers that drivers store are a converter's counts, or are refused; numbers that noise cannot have are doubted."""
 
-from dataclasses import replace
-
 import made_frames
 import numpy as np
 import pytest
 from blurnoise_eval.calibration.fit import measure
 
-CAMERA = replace(
-    made_frames.drawn_camera(2),
+CAMERA = made_frames.drawn_camera(2).with_figures(
     full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=6.0, prnu=0.005, dsnu_e=1.0, black_level_dn=60.0,
     dark_current_e_s=5.0, bit_depth=12,
 )  # fmt: skip
@@ -142,7 +139,7 @@ def test_levels_that_do_not_rise_with_time_are_refused_by_name(tmp_path, taken, 
 
 def test_a_dark_level_of_another_time_is_refused_by_name(tmp_path):
     """Before, dark current was half of the true one, and a tone curve was suspected."""
-    warm = replace(CAMERA, dark_current_e_s=5000.0)
+    warm = CAMERA.with_figures(dark_current_e_s=5000.0)
     taken = made_frames.exposed(warm, 1, size=(64, 80), levels=5, top=0.8)
     taken["dark", 0.15] = taken.pop(("dark", 0.06))
     with pytest.raises(

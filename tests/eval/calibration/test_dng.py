@@ -27,14 +27,18 @@ def dng(folder, **changed):
 def test_the_noise_profile_is_a_camera(tmp_path):
     """At x = 0.3 the camera's K signal + dark variance is (S x + O) of white less black."""
     camera = camera_of_dng(dng(tmp_path))
-    assert camera.system_gain_dn_per_e == pytest.approx(GAIN)
-    assert camera.read_noise_e == pytest.approx(READ_E)
+    assert camera.sensor.system_gain_dn_per_e == pytest.approx(GAIN)
+    assert camera.sensor.read_noise_e == pytest.approx(READ_E)
     signal = 0.3 * SPAN
-    variance = camera.dark_variance_dn2() + camera.system_gain_dn_per_e * signal
+    variance = camera.sensor.dark_variance_dn2() + camera.sensor.system_gain_dn_per_e * signal
     assert variance == pytest.approx((S * 0.3 + O) * SPAN**2)
-    assert (camera.black_level_dn, camera.clip_dn, camera.bit_depth) == (BLACK, WHITE, 12)
-    assert (camera.width_px, camera.height_px) == (64, 48)
-    assert camera.f_number == pytest.approx(1.8)
+    assert (camera.sensor.black_level_dn, camera.sensor.clip_dn, camera.sensor.bit_depth) == (
+        BLACK,
+        WHITE,
+        12,
+    )
+    assert (camera.sensor.width_px, camera.sensor.height_px) == (64, 48)
+    assert camera.lens.f_number == pytest.approx(1.8)
     assert camera.name == "Made Up 1 at ISO 200"
     assert "NoiseProfile of photo.dng at ISO 200" in camera.sources["read_noise_e"]
     assert camera.sources["pixel_pitch_um"] == "assumed, as of the preset imx250"
@@ -43,12 +47,12 @@ def test_the_noise_profile_is_a_camera(tmp_path):
 def test_other_tags(tmp_path):
     """The green plane of three, noise below rounding, four black levels, none."""
     camera = camera_of_dng(dng(tmp_path, t51041=(12, (2 * S, O, S, O, 3 * S, O))))
-    assert camera.system_gain_dn_per_e == pytest.approx(GAIN)
+    assert camera.sensor.system_gain_dn_per_e == pytest.approx(GAIN)
     assert "plane 2 of 3" in camera.sources["system_gain_dn_per_e"]
-    assert camera_of_dng(dng(tmp_path, t51041=(12, (S, 0.0)))).read_noise_e == 0
-    assert camera_of_dng(dng(tmp_path, t50714=(4, (60, 64, 64, 68)))).black_level_dn == 64
+    assert camera_of_dng(dng(tmp_path, t51041=(12, (S, 0.0)))).sensor.read_noise_e == 0
+    assert camera_of_dng(dng(tmp_path, t50714=(4, (60, 64, 64, 68)))).sensor.black_level_dn == 64
     bare = camera_of_dng(dng(tmp_path, t50714=None, t50717=None, t34855=None))
-    assert (bare.black_level_dn, bare.bit_depth, bare.name) == (0, 16, "Made Up 1")
+    assert (bare.sensor.black_level_dn, bare.sensor.bit_depth, bare.name) == (0, 16, "Made Up 1")
     assert bare.sources["black_level_dn"].startswith("assumed")
 
 
@@ -58,14 +62,14 @@ def test_the_black_level_is_the_mean_of_its_three_tags(tmp_path):
     camera = camera_of_dng(
         dng(tmp_path, t50714=(5, (50, 60, 60, 70)), t50715=(10, columns), t50716=(10, rows))
     )
-    assert camera.black_level_dn == pytest.approx(60 + 2 + 1)
-    assert camera.system_gain_dn_per_e == pytest.approx(S * (WHITE - 63))
+    assert camera.sensor.black_level_dn == pytest.approx(60 + 2 + 1)
+    assert camera.sensor.system_gain_dn_per_e == pytest.approx(S * (WHITE - 63))
     assert "BlackLevel + BlackLevelDeltaH + BlackLevelDeltaV" in camera.sources["black_level_dn"]
 
 
 def test_active_area_and_linearization_table(tmp_path):
     camera = camera_of_dng(dng(tmp_path, t50829=(4, (1, 2, 47, 60)), t50712=(3, (0, 1, 4095))))
-    assert (camera.width_px, camera.height_px) == (58, 46)
+    assert (camera.sensor.width_px, camera.sensor.height_px) == (58, 46)
     assert "a LinearizationTable spreads 3 stored numbers to 4095" in camera.sources["read_noise_e"]
 
 

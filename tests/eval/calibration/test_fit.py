@@ -1,7 +1,6 @@
 """Cameras found again in their frames, by the simulator and by a model that knows nothing of it; and the figure."""
 
 import logging
-from dataclasses import replace
 
 import made_frames
 import numpy as np
@@ -13,8 +12,7 @@ from blurnoise_eval.calibration.transfer import rounded, spatial_variance
 SIZE = (241, 320)
 ROUNDS_DN = 0.2
 """Noise in the dark before rounding below which frames hold two numbers and tell bounds only."""
-CAMERA = replace(
-    made_frames.drawn_camera(2),
+CAMERA = made_frames.drawn_camera(2).with_figures(
     full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=3.0, dark_current_e_s=300.0, prnu=0.01, dsnu_e=2.0,
     black_level_dn=20.0, bit_depth=12,
 )  # fmt: skip
@@ -25,16 +23,16 @@ FIGURES = (
 
 def found_in(folder, camera, seed, **how):
     frames = made_frames.save(folder, made_frames.exposed(camera, seed, **how))
-    return measure(frames, bit_depth=camera.bit_depth)
+    return measure(frames, bit_depth=camera.sensor.bit_depth)
 
 
 def off(found, camera, name):
-    return abs(found.estimates[name].value / getattr(camera, name) - 1)
+    return abs(found.estimates[name].value / camera.figure(name) - 1)
 
 
 def covers(found, camera, name, more=1.0):
     """Whether the interval, ``more`` times as wide, holds the truth."""
-    told, off = found.estimates[name], getattr(camera, name) - found.estimates[name].value
+    told, off = found.estimates[name], camera.figure(name) - found.estimates[name].value
     return bool(-more * (told.value - told.low) <= off <= more * (told.high - told.value))
 
 
@@ -51,9 +49,13 @@ def test_a_camera_is_found_in_two_frames_each_of_eight_exposures(tmp_path):
     assert widths["system_gain_dn_per_e"] < 0.015  # not so wide that they would hold anything
     assert widths["dark_current_e_s"] < 0.05
     assert widths["prnu"] < 0.1
-    assert found.clip_dn == pytest.approx(CAMERA.clip_dn, abs=0.5)  # read noise may lie on top of a full well
+    assert found.clip_dn == pytest.approx(
+        CAMERA.sensor.clip_dn, abs=0.5
+    )  # read noise may lie on top of a full well
     brightest = max(found.flat[place].mean_dn for place in found.used)  # up to 70 % of saturation
-    assert brightest - CAMERA.black_level_dn < 0.71 * (CAMERA.clip_dn - CAMERA.black_level_dn)
+    assert brightest - CAMERA.sensor.black_level_dn < 0.71 * (
+        CAMERA.sensor.clip_dn - CAMERA.sensor.black_level_dn
+    )
     assert found.size_px == (320, 241)
 
 
@@ -63,7 +65,7 @@ def test_ten_drawn_cameras_are_found(tmp_path, seed):
     camera = made_frames.drawn_camera(seed)
     found = found_in(tmp_path / "frames", camera, seed, size=SIZE)
     assert off(found, camera, "system_gain_dn_per_e") < 0.02
-    if camera.system_gain_dn_per_e * camera.read_noise_e >= ROUNDS_DN:
+    if camera.sensor.system_gain_dn_per_e * camera.sensor.read_noise_e >= ROUNDS_DN:
         assert off(found, camera, "read_noise_e") < 0.05
     else:
         assert covers(found, camera, "read_noise_e")
@@ -81,7 +83,7 @@ def test_read_noise_is_told_where_rounding_rules(tmp_path, read_e, bound):
         "read_noise_e": read_e,
         "dark_current_e_s": 9.0,
     }
-    camera = replace(CAMERA, **own)
+    camera = CAMERA.with_figures(**own)
     found = found_in(tmp_path / "frames", camera, 3, size=SIZE)
     assert off(found, camera, "read_noise_e") < bound
     assert found.fit.rounding
@@ -101,7 +103,7 @@ def test_uneven_light_and_a_lamp_that_drifts_change_nothing(tmp_path, shade):
     for (kind, exposure_s), each in planes.items():
         if kind == "flat":
             light_e = made_frames.photons_s(CAMERA) * exposure_s * 0.6 * shade * np.ones((160, 1))
-            dark_e = CAMERA.dark_current_e_s * exposure_s
+            dark_e = CAMERA.sensor.dark_current_e_s * exposure_s
             each[:] = [drawn(random, factor * light_e + dark_e) for factor in (1.0, 1.012)]
     found = measure(made_frames.save(tmp_path / "frames", planes), bit_depth=12)
     assert off(found, CAMERA, "system_gain_dn_per_e") < 0.015
@@ -110,10 +112,10 @@ def test_uneven_light_and_a_lamp_that_drifts_change_nothing(tmp_path, shade):
 
 
 def test_dark_charge_whose_mean_the_camera_takes_off_is_told_by_the_variance(tmp_path):
-    camera = replace(CAMERA, dark_current_e_s=600.0)
+    camera = CAMERA.with_figures(dark_current_e_s=600.0)
     planes = made_frames.exposed(camera, 6, size=SIZE)
     for (_, exposure_s), each in planes.items():
-        taken_off = round(camera.system_gain_dn_per_e * 600 * exposure_s)
+        taken_off = round(camera.sensor.system_gain_dn_per_e * 600 * exposure_s)
         each[:] = [np.maximum(plane.astype(int) - taken_off, 0).astype(np.uint16) for plane in each]
     found = measure(made_frames.save(tmp_path / "frames", planes), bit_depth=12)
     assert any("measured from the variance" in note for note in found.notes)
@@ -123,8 +125,10 @@ def test_dark_charge_whose_mean_the_camera_takes_off_is_told_by_the_variance(tmp
 
 
 def drawn(random, mean_e):
-    noisy_e = random.poisson(mean_e) + CAMERA.read_noise_e * random.standard_normal(mean_e.shape)
-    return np.round(CAMERA.black_level_dn + CAMERA.system_gain_dn_per_e * noisy_e).astype(np.uint16)
+    noisy_e = random.poisson(mean_e) + CAMERA.sensor.read_noise_e * random.standard_normal(mean_e.shape)
+    return np.round(CAMERA.sensor.black_level_dn + CAMERA.sensor.system_gain_dn_per_e * noisy_e).astype(
+        np.uint16
+    )
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 import csv
 import re
-from dataclasses import replace
 
 import made_frames
 import numpy as np
@@ -14,8 +13,7 @@ from blurnoise_eval.calibration.to_camera import camera_of
 
 from blurnoise import Camera
 
-CAMERA = replace(
-    made_frames.drawn_camera(2),
+CAMERA = made_frames.drawn_camera(2).with_figures(
     full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=4.0, prnu=0.01, dsnu_e=2.0, black_level_dn=20.0,
     bit_depth=12,
 )  # fmt: skip
@@ -32,7 +30,7 @@ def listed(folder, rows):
 def test_gain_light_and_temperature_reach_the_levels(tmp_path):
     """Two gains of the same exposures: the gain of the lower one is fitted."""
     rows = []
-    for gain_db, camera in ((6.0, replace(CAMERA, system_gain_dn_per_e=0.8)), (0.0, CAMERA)):
+    for gain_db, camera in ((6.0, CAMERA.with_figures(system_gain_dn_per_e=0.8)), (0.0, CAMERA)):
         taken = made_frames.exposed(camera, 1, size=(64, 80), levels=4, top=0.5)
         for (kind, exposure_s), planes in taken.items():
             how = {
@@ -145,10 +143,10 @@ def test_the_camera_behind_a_mosaic(tmp_path):
     found = measure(folder, cfa="GBRG")
     assert found.estimates["quantum_efficiency"].value == pytest.approx(0.6, rel=0.04)
     camera = camera_of(found, "mine", base="imx250c")
-    assert (camera.cfa, camera.sources["cfa"]) == ("GBRG", "stated with the frames")
-    assert camera.quantum_efficiency == Camera.preset("imx250c").quantum_efficiency
+    assert (camera.sensor.cfa, camera.sources["cfa"]) == ("GBRG", "stated with the frames")
+    assert camera.sensor.quantum_efficiency == Camera.preset("imx250c").sensor.quantum_efficiency
     assert "measured was 0.59" in camera.sources["quantum_efficiency"]
-    assert camera_of(found, "mine").cfa == "none"
+    assert camera_of(found, "mine").sensor.cfa == "none"
 
 
 def test_raw_files_are_a_camera(tmp_path):

@@ -1,6 +1,5 @@
 """Lux tied to electrons: a grey card under a lux meter, tuning files of libcamera, and the note where nothing is."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import made_frames
@@ -12,10 +11,9 @@ from blurnoise_eval.datasets import write_picture
 from commands import main, told
 
 from blurnoise import Camera
-from blurnoise.optics.camera import PRESETS
+from blurnoise.camera import PRESETS
 
-CAMERA = replace(
-    made_frames.drawn_camera(2),
+CAMERA = made_frames.drawn_camera(2).with_figures(
     full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=4.0, prnu=0.01, dsnu_e=2.0, black_level_dn=20.0,
     bit_depth=12,
 )  # fmt: skip
@@ -62,8 +60,8 @@ def test_of_a_known_lens_quantum_efficiency_follows():
 def made_electrons(camera):
     """By the pixel's area, the lens and 1 lux of D55 (Lin et al.): of imx250, 6906 (tests/blurnoise/test_camera.py),
     of a flat efficiency 24421.8 / (50 lux 30 ms) times it (the preset lin2024's comment)."""
-    curve = camera.quantum_efficiency
-    return 6906.0 if not isinstance(curve, float) else 24421.8 / 1.5 * curve * camera.transmission
+    curve = camera.sensor.quantum_efficiency
+    return 6906.0 if not isinstance(curve, float) else 24421.8 / 1.5 * curve * camera.lens.transmission
 
 
 def test_a_tuning_file_is_a_camera(tmp_path, capsys):
@@ -72,11 +70,11 @@ def test_a_tuning_file_is_a_camera(tmp_path, capsys):
     words = ["cameras", "fit", "--libcamera", module, "-o", tmp_path / "pi.yaml"]
     assert main([*words, "--bit-depth", 10]) == 0
     camera = Camera.load(tmp_path / "pi.yaml")
-    assert camera.system_gain_dn_per_e == pytest.approx(0.25)
-    assert camera.black_level_dn == 64.0
-    assert np.allclose(camera.ccm, ((1.8, -0.5, -0.3), (-0.4, 1.7, -0.3), (-0.1, -0.6, 1.7)))
-    assert np.allclose(camera.tone, ((0.0, 0.0), (0.5, 0.75), (1.0, 1.0)), atol=1e-4)
-    assert camera.full_well_e == pytest.approx((1023 - 64) / 0.25)
+    assert camera.sensor.system_gain_dn_per_e == pytest.approx(0.25)
+    assert camera.sensor.black_level_dn == 64.0
+    assert np.allclose(camera.isp.ccm, ((1.8, -0.5, -0.3), (-0.4, 1.7, -0.3), (-0.1, -0.6, 1.7)))
+    assert np.allclose(camera.isp.tone, ((0.0, 0.0), (0.5, 0.75), (1.0, 1.0)), atol=1e-4)
+    assert camera.sensor.full_well_e == pytest.approx((1023 - 64) / 0.25)
     write_picture(tmp_path / "chart.png", np.full((64, 80), round(0.22 * 65535), np.uint16))
     (tmp_path / "lit.yaml").write_text("illuminant: planck:5000\n")
     capsys.readouterr()
@@ -109,18 +107,20 @@ def test_what_is_no_tuning_file_is_named(tmp_path, changes, why):
 def test_presets_are_what_their_tuning_files_say(name):
     camera, preset = camera_of_libcamera(MODULES / f"{name}.json", base=name), PRESETS[name]
     for figure in ("system_gain_dn_per_e", "full_well_e", "black_level_dn", "transmission"):
-        assert getattr(preset, figure) == pytest.approx(getattr(camera, figure), rel=1e-3)
-    assert np.abs(np.array(preset.ccm) - np.array(camera.ccm)).max() < 1e-4
+        assert preset.figure(figure) == pytest.approx(camera.figure(figure), rel=1e-3)
+    assert np.abs(np.array(preset.isp.ccm) - np.array(camera.isp.ccm)).max() < 1e-4
     light = np.linspace(0, 1, 101)
-    of_file, held = (np.interp(light, *np.array(each.tone).T) for each in (camera, preset))
+    of_file, held = (np.interp(light, *np.array(each.isp.tone).T) for each in (camera, preset))
     assert np.abs(of_file - held).max() < 0.005
 
 
 def test_modules_agree_with_each_other_and_with_who_measured_one():
     """strollswithmydog.com: an IMX477 has K = 0.47 DN/e-, 8180 e-; green peaks of three modules are within 10 %."""
-    assert PRESETS["imx477"].system_gain_dn_per_e == pytest.approx(0.47, rel=0.03)
-    assert PRESETS["imx477"].full_well_e == pytest.approx(8180, rel=0.03)
-    peaks = [max(PRESETS[name].quantum_efficiency.of("G").values) for name in ("ov5647", "imx219", "imx500")]
+    assert PRESETS["imx477"].sensor.system_gain_dn_per_e == pytest.approx(0.47, rel=0.03)
+    assert PRESETS["imx477"].sensor.full_well_e == pytest.approx(8180, rel=0.03)
+    peaks = [
+        max(PRESETS[name].sensor.quantum_efficiency.of("G").values) for name in ("ov5647", "imx219", "imx500")
+    ]
     assert max(peaks) / min(peaks) < 1.1
 
 

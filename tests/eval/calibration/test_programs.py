@@ -1,7 +1,5 @@
 """Folders as capture programs write them: the guide's table, a row a case. Gain 0.4 DN/e-, or why there is none."""
 
-from dataclasses import replace
-
 import cv2
 import made_frames
 import numpy as np
@@ -9,8 +7,7 @@ import pytest
 from blurnoise_eval.calibration.fit import measure
 from blurnoise_eval.calibration.formats import RawLayout
 
-CAMERA = replace(
-    made_frames.drawn_camera(2),
+CAMERA = made_frames.drawn_camera(2).with_figures(
     full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=6.0, prnu=0.005, dsnu_e=1.0, black_level_dn=60.0,
     dark_current_e_s=500.0, bit_depth=12,
 )  # fmt: skip

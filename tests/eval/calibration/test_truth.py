@@ -107,7 +107,7 @@ def test_terms_that_frames_lack_are_0(tmp_path):
     assert plain.bend is None
     assert all(plain.estimates[name].value == 0 for name in PLAIN.terms)
     camera = camera_of(plain, "mine")
-    assert camera.photon_transfer == ()
+    assert camera.sensor.photon_transfer == ()
     assert camera.sources["row_noise_e"].endswith("; 0 is within")
 
 
@@ -116,12 +116,12 @@ def test_the_camera_holds_what_was_measured(found, tmp_path):
     camera = Camera.load(tmp_path / "mine.yaml")
     for gain_db, gain, read_e, black_dn in EVERY.gains:
         at_gain = camera.at_gain(gain_db).camera
-        assert at_gain.system_gain_dn_per_e == pytest.approx(gain, rel=0.02)
-        assert at_gain.read_noise_e == pytest.approx(read_e, rel=0.03)
-        assert at_gain.black_level_dn == pytest.approx(black_dn, abs=0.3)
-        assert at_gain.row_noise_e / at_gain.read_noise_e == pytest.approx(0.25, rel=0.1)
-    assert camera.photon_transfer[0][1] == 1
-    assert camera.photon_transfer[-1][1] == pytest.approx(0.73, rel=0.03)
+        assert at_gain.sensor.system_gain_dn_per_e == pytest.approx(gain, rel=0.02)
+        assert at_gain.sensor.read_noise_e == pytest.approx(read_e, rel=0.03)
+        assert at_gain.sensor.black_level_dn == pytest.approx(black_dn, abs=0.3)
+        assert at_gain.sensor.row_noise_e / at_gain.sensor.read_noise_e == pytest.approx(0.25, rel=0.1)
+    assert camera.sensor.photon_transfer[0][1] == 1
+    assert camera.sensor.photon_transfer[-1][1] == pytest.approx(0.73, rel=0.03)
     assert "K is of the straight part" in camera.sources["photon_transfer"]
     assert camera.sources["read_noise_post_share"].startswith("not used")
     assert "read_noise_e 3" in camera.sources["gains"]

@@ -1,7 +1,5 @@
 """``blurnoise cameras fit``: a folder or a DNG in, a camera that other commands take out."""
 
-from dataclasses import replace
-
 import made_frames
 import numpy as np
 import pytest
@@ -9,8 +7,7 @@ from commands import main
 
 from blurnoise import Camera
 
-CAMERA = replace(
-    made_frames.drawn_camera(2),
+CAMERA = made_frames.drawn_camera(2).with_figures(
     full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=4.0, prnu=0.01, dsnu_e=2.0, black_level_dn=20.0,
     bit_depth=12,
 )  # fmt: skip
@@ -32,13 +29,16 @@ def test_a_camera_with_sources_and_its_plot(folder, tmp_path, capsys):
     assert shown.splitlines()[-2:] == [str(path), str(tmp_path / "mine.png")]
     assert (tmp_path / "mine.png").stat().st_size > 10_000
     camera = Camera.load(path)
-    assert camera.system_gain_dn_per_e == pytest.approx(0.4, rel=0.02)
+    assert camera.sensor.system_gain_dn_per_e == pytest.approx(0.4, rel=0.02)
     assert camera.sources["read_noise_e"].startswith(
         "measured: photon transfer of 16 flat and 16 dark frames, 95 % "
     )
     assert camera.sources["full_well_e"].startswith("assumed: the limit of the converter, as no frame clips")
     assert camera.sources["bit_depth"] == "stated with the frames"
-    assert (camera.dark_reference_c, camera.sources["dark_reference_c"]) == (31.0, "stated with the frames")
+    assert (camera.sensor.dark_reference_c, camera.sources["dark_reference_c"]) == (
+        31.0,
+        "stated with the frames",
+    )
     assert camera.sources["f_number"] == "assumed, as of the preset imx250"
     assert set(camera.sources) == set(camera.to_dict()) - {"name", "sources"}
     assert main(["cameras", str(path)]) == 0
@@ -53,7 +53,7 @@ def test_a_dng(tmp_path, capsys):
     path = tmp_path / "phone.yaml"
     assert main(["cameras", "fit", "--dng", str(tmp_path / "photo.dng"), "-o", str(path)]) == 0
     assert "ISO 400" in capsys.readouterr().out
-    assert Camera.load(path).system_gain_dn_per_e == pytest.approx(0.4095)
+    assert Camera.load(path).sensor.system_gain_dn_per_e == pytest.approx(0.4095)
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_same_sweep_again_computes_nothing(run, words, capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     ("where", "kept"),
-    [("evaluation.begun_or_gone", ""), ("run.computing._check_hope", "; finished work is kept")],
+    [("run.evaluation.begun_or_gone", ""), ("run.computing._check_hope", "; finished work is kept")],
 )
 def test_an_interrupt_says_what_is_kept(tmp_path, capsys, words, monkeypatch, where, kept):
     def interrupted(*_, **__):

@@ -11,15 +11,14 @@ import pandas
 import pytest
 from blurnoise_eval.cli.chart import CHARTS
 from blurnoise_eval.datasets import write_picture
-from blurnoise_eval.deciding import decision
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.program.optimise import Stages
-from blurnoise_eval.run.run import asked
-from blurnoise_eval.store.store import Store
+from blurnoise_eval.run import search
+from blurnoise_eval.run.run import Run
 from commands import main, told
 from signs_in_memory import matched_detector, sign
 
-from blurnoise.optics.camera import PRESETS, Camera
+from blurnoise.camera import PRESETS, Camera
 
 CROSSING = "motion --speed-kmh 100 --distance-m 50 --target-width-m 4.9 --exposure-ms 15"
 DECIDED = "--exposure-ms 8:32 --lux 1,2,5,20 --dx 0,100,200 --gain 0 --keep 0.8"
@@ -91,7 +90,7 @@ def test_train_writes_a_detector_that_says_how_it_was_made(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_decide_answers_and_report_says_the_same(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(decision, "MOST_NODES", 12)
+    monkeypatch.setattr(search, "MOST_NODES", 12)
     run = tmp_path / "run"
     (tmp_path / "pictures").mkdir()
     for index in range(8):
@@ -100,8 +99,7 @@ def test_decide_answers_and_report_says_the_same(tmp_path, capsys, monkeypatch):
     words = ["--model", matched_detector(tmp_path).path, "--images", tmp_path / "pictures", "-o", run]
     assert main(["decide", *words, *DECIDED.split()]) == 0
     first = " ".join(capsys.readouterr().out.split())
-    with Store(run) as store:
-        n_nodes = sum(len(batch.conditions) for batch in asked(store))
+    n_nodes = sum(len(batch.conditions) for batch in Run.open(run).setup.batches)
     assert f"{n_nodes} conditions with 8 pictures: {8 * n_nodes} cells" in first
     assert (run / "report.html").stat().st_size > 100_000
     assert len((run / "answers.csv").read_text().splitlines()) == 1 + 12

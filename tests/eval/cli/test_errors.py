@@ -10,7 +10,7 @@ from commands import main
 
 from blurnoise import charts
 from blurnoise._core.checks import OutOfRange
-from blurnoise.optics.camera import Camera
+from blurnoise.camera import Camera
 
 Output = pytest.CaptureFixture[str]
 
@@ -78,7 +78,7 @@ COMMANDS = {
         ("blur --model m.onnx", "--model: is for 'sweep'"),
     ],
     "scenes -o run": [("--count 0", "count = 0"), ("--size 100000000", "size_px = 100000000")],
-    "quality -o run": [
+    "measure -o run": [
         ("--repeats 0", "repeats"),
         ("--exposure-ms auto", "--exposure-ms = 'auto': must be numbers"),
         ("--camera hdr.yaml", "captures"),

@@ -147,28 +147,28 @@ def test_the_same_commands_go_on_as_before(here):
     [
         "report run", "report run -o new", "cameras imx250 --save new/a.yaml", "chart stop-sign -o new/a.png",
         "simulate pics/0.png -o new/a.png", "explore pics/0.png --model none -o new/a.png",
-        "measure pics/0.png --plot new/a.png", "measure pics/0.png --csv new/a.csv",
+        "measure pics/0.png -o new",
         "simulate --save-scene new/a.yaml", "sweep --save-plan new/a.yaml", "program run --save-plan new/a.yaml",
         "report run --coco",
-        "inspect small.onnx --probe pics/0.png", "program run -o new", "quality -o new", "train -o new",
+        "inspect small.onnx --probe pics/0.png", "program run -o new", "measure -o new", "train -o new",
         "validate pics -o new", "cameras fit pics -o new/a.yaml", "cameras fit pics -o new/b.yaml",
     ],
 )  # fmt: skip
 def test_no_command_replaces_a_file_of_the_users(here, capsys, words):
     files = ["run/report.html", "run/coco/small.json", "small-0-probe.png"]
     files += [f"new/{name}" for name in ("a.yaml", "a.png", "b.png", "a.csv", "report.html", "program.csv")]
-    files += [f"new/{name}" for name in ("quality.json", "stop_sign.onnx", "camera.yaml")]
+    files += [f"new/{name}" for name in ("quality.json", "edges.csv", "stop_sign.onnx", "camera.yaml")]
     refused(capsys, words, THEIRS, dict.fromkeys(files, b"mine"))
 
 
 @pytest.mark.parametrize(
     "words",
     [
-        "measure pics/0.png --plot pics/0.png", "measure pics/0.png --csv=pics/0.png",
-        "measure pics/0.png --csv link",
+        "measure pics/edges.png -o pics",
+        "measure link/edges.png -o pics",
         "simulate pics/0.png -o pics/0.png", "explore pics/0.png --model none -o pics/0.png",
         "cameras a.yaml --save a.yaml", "simulate pics/0.png --camera a.yaml -o a.yaml",
-        "cameras fit --tone t.csv --base a.yaml -o a.yaml", "measure pics/0.png --oecf t.csv --csv t.csv",
+        "cameras fit --tone t.csv --base a.yaml -o a.yaml", "measure pics/0.png --oecf edges.csv -o .",
         "sweep --plan a.yaml --save-plan a.yaml", "sweep --save-plan a.yaml --plan a.yaml",
         "simulate pics/0.png --scene scene.yaml -o pics/2.png", "inspect small.onnx --probe probe",
         "validate pics --camera camera.yaml -o .",
@@ -177,10 +177,12 @@ def test_no_command_replaces_a_file_of_the_users(here, capsys, words):
 def test_no_command_replaces_what_it_reads(here, capsys, words):
     shutil.copytree("pics", "probe")
     os.link("probe/0.png", "small-0-probe.png")
-    Path("link").symlink_to("pics/0.png")
+    Path("link").symlink_to("pics")
+    shutil.copy("pics/0.png", "pics/edges.png")
     Path("scene.yaml").write_text("camera: pics/2.png\n")
     Path("pics/2.png").write_text("base: imx250\n")
-    files = dict.fromkeys(("a.yaml", "camera.yaml"), b"base: imx250\n") | {"t.csv": b"0,0\n100,0.3\n255,1\n"}
+    files = dict.fromkeys(("a.yaml", "camera.yaml"), b"base: imx250\n")
+    files |= dict.fromkeys(("t.csv", "edges.csv"), b"0,0\n100,0.3\n255,1\n")
     why = "must be one of '.json'" if "scene" in words else INPUT
     refused(capsys, f"{words} --overwrite", why, files)
 
@@ -252,3 +254,8 @@ def test_python_refuses_and_overwrites_as_commands_do(here):
     assert Path("new/report.html").read_text() == "mine"
     done.report(overwrite=True)
     assert Path("new/report.html").read_text() != "mine"
+
+
+@pytest.mark.parametrize("name", ["run/report.html", "run/coco/small.json"])
+def test_a_report_with_coco_files_checks_all_of_them_before_it_writes(here, capsys, name):
+    refused(capsys, "report run --coco", THEIRS, {name: b"mine"})

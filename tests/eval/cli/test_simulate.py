@@ -1,7 +1,6 @@
 """``blurnoise simulate``: its file holds the numbers that Python gives, and what the command says of them."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +10,18 @@ import pytest
 import torch
 from blurnoise_eval.datasets import decode_linear, write_picture
 from commands import main, pixels, told
+from exposed_frames import raw_frames
 
-from blurnoise import Camera, ExposedScene, Trajectory, photoelectrons, simulate
-from blurnoise.light.flicker import Pwm
+from blurnoise import Camera, Trajectory, develop, photoelectrons, simulate
+from blurnoise.camera.captures import staggered
+from blurnoise.camera.colour import srgb_from_linear
+from blurnoise.light.lamp import Pwm
 from blurnoise.motion.ego import EgoMotion, Vehicle, View
 from blurnoise.motion.trajectory import from_text, path_duration_s, shake
-from blurnoise.optics.captures import staggered
-from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.scene.hdr import captured, developed, fuse
 
 IMX250 = Camera.preset("imx250")
-ROLLING = replace(IMX250, row_time_s=2e-5, shutter="rolling")
+ROLLING = IMX250.with_figures(row_time_s=2e-5, shutter="rolling")
 SIZE = (31, 44)
 RATES = "time_s,wx_deg_s,wy_deg_s\n7.00,0,400\n7.02,0,400\n"
 ROAD = "--ego-kmh 72 --height-m 1.2 --pitch-deg 3 --heading-deg 5 --hfov-deg 50 --lens rectilinear"
@@ -47,7 +46,7 @@ SCENES: dict[str, tuple[tuple[int, ...], type, str, Camera, Callable[[], dict[st
                   lambda: {"velocity_px_s": (500.0, 0.0)}),
     "behind filters": ((*SIZE, 3), np.uint8, "--camera imx250c", Camera.preset("imx250c"), dict),
     "filters, grey": (SIZE, np.uint8, "--camera imx250c", Camera.preset("imx250c"), dict),
-    "one plane": ((*SIZE, 3), np.uint8, "--camera mono.yaml", replace(IMX250, cfa="mono"), dict),
+    "one plane": ((*SIZE, 3), np.uint8, "--camera mono.yaml", IMX250.with_figures(cfa="mono"), dict),
     "a vibration": (SIZE, np.uint8, "--trajectory sine:3,80,90", IMX250,
                     lambda: {"trajectory": Trajectory.sinusoid(3.0, 80.0, 0.01, direction_deg=90.0)}),
     "line by line": (SIZE, np.uint8, "--trajectory sine:3,80,90 --line-time-us 20", ROLLING,
@@ -104,7 +103,7 @@ def test_the_file_holds_the_numbers_that_python_gives(name, capsys):
     np.testing.assert_array_equal(native, dn[0].numpy())
     _, view = taken(capsys, "scene.png", f"{words} --seed 5 --exposure-ms 10 --lux 70")
     developed_dn = develop_8bit(dn, camera)[0].numpy()
-    assert (view.dtype, len(view)) == (np.uint8, 3 if len(shape) == 3 or camera.cfa == "RGGB" else 1)
+    assert (view.dtype, len(view)) == (np.uint8, 3 if len(shape) == 3 or camera.sensor.cfa == "RGGB" else 1)
     np.testing.assert_array_equal(view, np.broadcast_to(developed_dn, view.shape))
     assert facts["mean_dn"] == pytest.approx(float(dn.mean()))
     assert facts["white_electrons"] == pytest.approx(photoelectrons(camera, 70, 0.01))
@@ -128,7 +127,7 @@ def test_what_light_on_a_photograph_means(capsys, anchor):
         coded = srgb_from_linear(torch.from_numpy(light / 2**stops)).mul(65535).round().numpy()
         write_picture(Path("scene.png"), coded.astype(np.uint16))
         facts, _ = taken(capsys, "scene.png", words)
-        means.append(facts["mean_dn"] - IMX250.black_level_dn)
+        means.append(facts["mean_dn"] - IMX250.sensor.black_level_dn)
     assert means[0] / means[1] == pytest.approx(1 if anchor else 4, rel=0.01)
     assert (
         ("brightness is used" not in facts["reflectance"]) == ("above_white_percent" in facts) == bool(anchor)
@@ -175,7 +174,7 @@ def test_captures_of_light_brighter_than_white(capsys):
         "generator": [5],
     }
     light = torch.from_numpy(LIGHT).permute(2, 0, 1)[None].contiguous()
-    frames = captured(ExposedScene(light), IMX250, staggered(16, 64), **given)
+    frames = raw_frames(light, IMX250, staggered(16, 64), **given)
     facts, _ = taken(capsys, "light.tiff", f"{words} --hdr 16,64 --bit-depth native")
     for name, frame in zip(("out.png", "out_2.png", "out_3.png"), frames, strict=True):
         np.testing.assert_array_equal(stored(name), frame[0].numpy())
@@ -183,8 +182,8 @@ def test_captures_of_light_brighter_than_white(capsys):
     assert facts["fused_saturation_electrons"] == pytest.approx(64 * 10715)
     assert facts["above_white_percent"] == pytest.approx(100 * float((LIGHT.max(-1) > 1).mean()))
     _, seen = taken(capsys, "light.tiff", f"{words} --hdr 16,64 --hdr-white 8")
-    electrons = fuse(frames, IMX250, staggered(16, 64))
-    expected = developed(electrons, IMX250, white_e=8 * photoelectrons(IMX250, 80.0, 0.01))
+    several = IMX250.with_figures(captures=staggered(16, 64))
+    expected = develop(torch.stack(frames), several, white_e=8 * photoelectrons(IMX250, 80.0, 0.01))
     np.testing.assert_array_equal(seen, (255 * expected[0]).round().numpy())
     Path("hdr.yaml").write_text("base: imx250\ncaptures: [{}, {exposure_ratio: 16}]\n")
     of_file, by_file = taken(capsys, "light.tiff", words.replace("imx250", "hdr.yaml"))
@@ -195,14 +194,14 @@ def test_captures_of_light_brighter_than_white(capsys):
 
 def test_lamps_pulse_or_shine_brighter_where_the_mask_is(capsys):
     words = "--exposure-ms 1 --lux 20 --bit-depth native"
-    plain = taken(capsys, "white.png", words)[1][0].astype(float) - IMX250.black_level_dn
+    plain = taken(capsys, "white.png", words)[1][0].astype(float) - IMX250.sensor.black_level_dn
     facts, dn = taken(capsys, "white.png", f"{words} --pwm-mask mask.png --pwm 90,0.1,0.5")
     assert facts["pwm_dark_percent"] == pytest.approx(81)
     assert dn[0, 3:6, 4:9].mean() < dn[0, :3].mean() - 10
     drawn, _ = taken(capsys, "white.png", f"{words} --pwm 90,0.1 --seed 5")
     assert drawn["pwm_phase"] == Pwm(90.0, 0.1).with_phase_of(5).phase
     facts, dn = taken(capsys, "white.png", f"{words} --emitters mask.png:9")
-    seen = dn[0].astype(float) - IMX250.black_level_dn
+    seen = dn[0].astype(float) - IMX250.sensor.black_level_dn
     assert seen[3:6, 4:9].mean() / plain.mean() == pytest.approx(9, rel=0.05)
     assert seen[8:].mean() / plain[8:].mean() == pytest.approx(1, rel=0.05)
     assert facts["above_white_percent"] == pytest.approx(100 * 15 / (12 * 17))

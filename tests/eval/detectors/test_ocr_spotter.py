@@ -18,8 +18,8 @@ from blurnoise_eval.detectors.ocr.spotter import find_regions, straighten
 from onnx import parser
 
 from blurnoise import motion_blur
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.charts import stop_sign, stop_sign_text_box
-from blurnoise.optics.colour import srgb_from_linear
 
 # Pictures enter at their own size, and crops hold little beside the bands, whose mean the recogniser reads.
 NATIVE = {"min_side_px": 1, "unclip": 0.3}

@@ -9,8 +9,8 @@ from blurnoise_eval.datasets import rendered_signs
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.python_models import PythonDetector, TorchvisionDetector
-from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_models.detector import STOP_SIGN
 from torch import nn
 
@@ -47,7 +47,7 @@ class Network(nn.Module):
 @pytest.mark.slow
 def test_a_function_gets_the_scores_of_the_file_that_it_calls(tmp_path):
     pictures = rendered_signs()
-    done = evaluate([signs, STOP_SIGN], pictures, "imx250c", PLAN, output=tmp_path, refine=False)
+    done = evaluate([signs, STOP_SIGN], pictures, "imx250c", PLAN, output=tmp_path, strategy="grid")
     by_model = {
         name: [row["target_confidence"] for row in done.cells if row["model"] == name]
         for name in ("signs", "stop_sign")

@@ -9,8 +9,8 @@ from blurnoise_eval.explorer.catalogue import Catalogue
 from blurnoise_eval.explorer.state import QUANTITIES, State, controls, text_of, value_of, with_figures
 from blurnoise_eval.plan.axes import AUTOMATIC
 
+from blurnoise.camera import PRESETS
 from blurnoise.light.effects import EFFECTS
-from blurnoise.optics.camera import PRESETS
 from blurnoise.sensor.stages import STAGES
 
 USUAL = State()
@@ -71,7 +71,7 @@ def test_whatever_a_url_says_it_is_a_state_or_a_line(value):
 def test_every_number_that_an_effect_or_stage_depends_on_has_a_slider():
     camera = PRESETS["imx250"]
     figures = {name for part in (*EFFECTS, *STAGES) for name in part.figures}
-    numbers = {name for name in figures if isinstance(getattr(camera, name), float)}
+    numbers = {name for name in figures if isinstance(camera.figure(name), float)}
     assert numbers <= {each.axis.into.removeprefix("camera.") for each in controls(camera).values()}
 
 

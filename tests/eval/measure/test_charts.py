@@ -13,9 +13,9 @@ from closed_edges import closed_mtf, closed_mtf50
 from plans import plan as swept
 
 from blurnoise import Camera
+from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.metrics import information
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.radiometry import photoelectrons
 
 CAMERA = Camera.preset("imx250")
 LUX = 50.0
@@ -63,9 +63,9 @@ def electrons(exposure_s, reflectance):
 
 def noise_e2(exposure_s, reflectance):
     """Temporal and spatial variance of a patch, electrons squared (EMVA 1288)."""
-    signal, gain = electrons(exposure_s, reflectance), CAMERA.system_gain_dn_per_e
-    dark = CAMERA.dark_variance_dn2(CAMERA.dark_current_e_s * exposure_s) / gain**2
-    return signal + dark + CAMERA.dsnu_e**2 + (CAMERA.prnu * signal) ** 2
+    signal, gain = electrons(exposure_s, reflectance), CAMERA.sensor.system_gain_dn_per_e
+    dark = CAMERA.sensor.dark_variance_dn2(CAMERA.sensor.dark_current_e_s * exposure_s) / gain**2
+    return signal + dark + CAMERA.sensor.dsnu_e**2 + (CAMERA.sensor.prnu * signal) ** 2
 
 
 # --- the physics ------------------------------------------------------------
@@ -160,13 +160,13 @@ def test_digital_gain_clips_where_light_leaves_the_range():
 
 
 def test_repeats_are_averaged_and_any_of_them_can_withhold():
-    told = [Estimate(1.0, 0.8, 1.4, frozenset({"a"})), Estimate(3.0, 2.6, 3.2, frozenset({"b"}))]
-    both = quality.mean_of(told)
+    repeats = [Estimate(1.0, 0.8, 1.4, frozenset({"a"})), Estimate(3.0, 2.6, 3.2, frozenset({"b"}))]
+    both = quality.mean_of(repeats)
     assert (both.value, both.flags) == (2.0, {"a", "b"})
     assert both.low == pytest.approx(2 - 0.3 / math.sqrt(2))
     assert both.high == pytest.approx(2 + 0.3 / math.sqrt(2))
-    assert quality.mean_of(told[:1]) == told[0]
-    lost = quality.mean_of([*told, Estimate(math.nan, flags=frozenset({"clipped"}))])
+    assert quality.mean_of(repeats[:1]) == repeats[0]
+    lost = quality.mean_of([*repeats, Estimate(math.nan, flags=frozenset({"clipped"}))])
     assert (lost.available, lost.flags) == (False, {"a", "b", "clipped"})
 
 
@@ -192,7 +192,7 @@ def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows):
 
 
 def test_a_new_metric_is_one_entry(monkeypatch, tmp_path):
-    """Weber contrast as the seventeenth: measured, written and drawn."""
+    """Weber contrast as one more: measured, written and drawn."""
     weber: Metric = Metric(
         "weber", "Weber contrast", "1", "bright / dark - 1",
         lambda taken: [Estimate(float(b.mean() / d.mean()) - 1) for b, d in zip(*taken.patches, strict=True)],
@@ -202,9 +202,9 @@ def test_a_new_metric_is_one_entry(monkeypatch, tmp_path):
     plan = swept((0.004, 0.008), (LUX,), (0.0,))
     rows = measured(plan)
     assert reading(rows, "weber", 0.004).value == pytest.approx(BRIGHT / DARK - 1, rel=0.05)
-    assert len(rows) == 2 * 17
+    assert len(rows) == 2 * (len(METRICS) + 1)
     quality.write(rows, CAMERA, plan, tmp_path)
     assert (
         json.loads((tmp_path / "quality.json").read_text())["metrics"]["weber"]["title"] == "Weber contrast"
     )
-    assert quality_figures.against_exposure(rows, "").axes[16].get_title() == "Weber contrast"
+    assert quality_figures.against_exposure(rows, "").axes[len(METRICS)].get_title() == "Weber contrast"

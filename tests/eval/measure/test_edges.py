@@ -13,8 +13,7 @@ import pytest
 import torch
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import write_picture
-from blurnoise_eval.measure import edges as measuring
-from blurnoise_eval.measure.edges import reading_text
+from blurnoise_eval.measure.edges import EDGE_METRICS, estimate_text
 from blurnoise_eval.measure.find_edges import UNUSABLE, find_edges
 from blurnoise_eval.measure.linear import LinearPicture
 from edge_cases import Draw, Setting
@@ -22,9 +21,9 @@ from torch import Tensor
 
 from blurnoise import charts
 from blurnoise.blur.convolution import motion_blur
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.metrics import Flag, information
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.colour import srgb_from_linear
 
 Output = pytest.CaptureFixture[str]
 BLACK, STEP = (
@@ -42,11 +41,11 @@ def raw(path, linear, noise_dn=0.0):
     return path
 
 
-NAMES = [metric.name for metric in measuring.EDGE_METRICS]
+NAMES = [metric.name for metric in EDGE_METRICS]
 RAW = ("--black-level", "40", "--full-scale", "4095")
 
 
-def told(capsys, *arguments):
+def measured(capsys, *arguments):
     assert main(["measure", *map(str, arguments), "--json"]) == 0
     return json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
 
@@ -55,7 +54,7 @@ def test_numbers_are_the_closed_forms(tmp_path, capsys):
     """Motion of 4.4 px, noise of 28 DN: what both leave, each within its interval's width of the closed form."""
     noise_dn = STEP / 100
     image = motion_blur(charts.slanted_edge(200, 200), [[4.4, 0.0]])
-    said = told(capsys, raw(tmp_path / "edge.png", image, noise_dn), *RAW, "--target-size", "40")
+    said = measured(capsys, raw(tmp_path / "edge.png", image, noise_dn), *RAW, "--target", "40,0.1")
     (row,) = said["regions"]
     frequency = torch.linspace(0, 0.5, 501, dtype=torch.float64)
     cos, sin = math.cos(math.radians(5)), math.sin(math.radians(5))
@@ -106,14 +105,14 @@ def test_codings_agree_where_they_are_right(tmp_path, capsys):
     write_picture(tmp_path / "rgb.png", np.stack([coded] * 3, axis=-1))
     write_picture(tmp_path / "16.png", (65535 * light).round().numpy()[0, 0].astype(np.uint16))
     write_picture(tmp_path / "16s.png", (65535 * srgb_from_linear(light)).numpy()[0, 0].astype(np.uint16))
-    cases = {"grey.png": "sRGB", "rgb.png": "luminance", "16.png": "linear", "16s.png --srgb": ""}
+    cases = {"grey.png": "sRGB", "rgb.png": "luminance", "16.png": "linear", "16s.png --coding=srgb": ""}
     for given, word in cases.items():
         name, *coding = given.split()
-        said = told(capsys, tmp_path / name, *coding)
+        said = measured(capsys, tmp_path / name, *coding)
         assert said["regions"][0]["mtf50"] == pytest.approx(chart.mtf50(5.0, 3.0), rel=0.003)
         assert said["regions"][0]["michelson"] == pytest.approx(0.7 / 0.9, rel=0.01)
         assert word in " ".join(said["notes"])
-    (wrong,) = told(capsys, tmp_path / "grey.png", "--linear")["regions"]
+    (wrong,) = measured(capsys, tmp_path / "grey.png", "--coding", "linear")["regions"]
     assert "tone curve" in wrong["flags"]
     assert wrong["michelson"] < 0.5
 
@@ -122,37 +121,37 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path, capsys):
     """A clipped edge, a corner, even ground, beside a good edge: in JSON, in CSV, in the table, in the figure."""
     image = chart.squares()[..., :165, :200]
     image[..., 40:130, 150:] += 0.25  # beyond full scale beside the right-hand edge
-    path, out = raw(tmp_path / "chart.png", image, 20.0), tmp_path / "edges.csv"
+    path, out = raw(tmp_path / "chart.png", image, 20.0), tmp_path / "out"
     rois = ("80,20,40,50", "110,60,70,50", "30,20,60,60", "2,2,30,30")
     asked = [path, *RAW, *(word for roi in rois for word in ("--roi", roi))]
-    rows = told(capsys, *asked, "--csv", out)["regions"]
+    rows = measured(capsys, *asked, "-o", out)["regions"]
     flags = [(), (Flag.CLIPPED,), (Flag.TWO_EDGES,), (Flag.NO_EDGE,)]
-    table = pd.read_csv(out)
+    table = pd.read_csv(out / "edges.csv")
     for row, wanted, (_, read) in zip(rows, flags, table.iterrows(), strict=True):
         assert all(flag.value in row["flags"] for flag in wanted)
         numbers = [row[name + end] for name in NAMES for end in ("", "_low", "_high")]
         assert [value is None for value in numbers] == [bool(wanted)] * len(numbers)
         assert [math.isnan(read[name]) for name in NAMES] == [bool(wanted)] * len(NAMES)
         assert read["mtf50"] == (row["mtf50"] if not wanted else pytest.approx(math.nan, nan_ok=True))
-    assert list(csv.DictReader(out.open()))[1]["cnr"] == ""
-    assert main(["measure", *map(str, asked), "--plot", str(tmp_path / "edges.png")]) == 0
+    assert list(csv.DictReader((out / "edges.csv").open()))[1]["cnr"] == ""
+    assert main(["measure", *map(str, asked)]) == 0
     out_text, err = capsys.readouterr()
     assert "nan" not in out_text
     dashes = [word for line in out_text.splitlines() for word in line.split() if word == "-"]
     assert len(dashes) >= 3 * len(NAMES)
     assert f"2: {Flag.CLIPPED.value}" in " ".join(out_text.split())
     assert err == (
-        "the picture has 16 bits and is read as linear (use --srgb if it is sRGB-coded)\n"
+        "the picture has 16 bits and is read as linear (use --coding srgb if it is sRGB-coded)\n"
         "a tone curve that is symmetric about the middle of an edge cannot be detected; --oecf FILE removes it\n"
     )
-    assert cv2.imread(str(tmp_path / "edges.png")).shape[1] > 800
+    assert cv2.imread(str(out / "edges.png")).shape[1] > 800
 
 
 def test_no_noise_leaves_no_number_that_would_have_no_bound(tmp_path, capsys):
     """Of sRGB 8 bits the levels are fractions, whose rounding made a CNR of 1e31."""
     assert main(["chart", "slanted-edge", "-o", str(tmp_path / "edge.png")]) == 0
     capsys.readouterr()
-    (row,) = told(capsys, tmp_path / "edge.png")["regions"]
+    (row,) = measured(capsys, tmp_path / "edge.png")["regions"]
     assert row["mtf50"] == pytest.approx(chart.mtf50(5.0), rel=0.005)
     for name in ("cnr", "edge_snr_db", "sic_radial", "sic_square", "neq_0", "neq_integral", "snri"):
         assert row[name] is row[f"{name}_low"] is row[f"{name}_high"] is None, name
@@ -160,15 +159,15 @@ def test_no_noise_leaves_no_number_that_would_have_no_bound(tmp_path, capsys):
 
 
 def test_readings_as_text():
-    assert reading_text(Estimate(0.098823, 0.098112, 0.09951)) == "0.09882 (0.0981–0.0995)"
-    assert reading_text(Estimate(5.4152, 4.9179, 5.9964, frozenset({"sharpened"}))) == "5.415? (4.92–6)"
-    assert reading_text(Estimate(5415.27, 4917.9, 5996.4)) == "5415 (4918–5996)"
-    assert reading_text(Estimate(math.nan)) == reading_text(Estimate(math.inf, 1.0, math.inf)) == "-"
+    assert estimate_text(Estimate(0.098823, 0.098112, 0.09951)) == "0.09882 (0.0981–0.0995)"
+    assert estimate_text(Estimate(5.4152, 4.9179, 5.9964, frozenset({"sharpened"}))) == "5.415? (4.92–6)"
+    assert estimate_text(Estimate(5415.27, 4917.9, 5996.4)) == "5415 (4918–5996)"
+    assert estimate_text(Estimate(math.nan)) == estimate_text(Estimate(math.inf, 1.0, math.inf)) == "-"
 
 
 def test_iso_is_another_mode(tmp_path, capsys):
     path = raw(tmp_path / "edge.png", charts.slanted_edge(100, 100), 20.0)
-    exact, iso = (told(capsys, path, *RAW, "--mode", mode) for mode in ("exact", "iso"))
+    exact, iso = (measured(capsys, path, *RAW, "--mode", mode) for mode in ("exact", "iso"))
     assert iso["mode"] == "iso"
     assert iso["regions"][0]["mtf50"] != exact["regions"][0]["mtf50"]
     assert iso["regions"][0]["mtf50"] == pytest.approx(exact["regions"][0]["mtf50"], rel=0.05)
@@ -178,9 +177,10 @@ def test_iso_is_another_mode(tmp_path, capsys):
     ("given", "named"),
     [
         (["--roi", "0,0,4,4"], "8 x 8"),
-        (["--srgb", "--black-level", "40"], "--linear"),
-        (["--target-size", "65"], "--target-size"),
-        (["--plot", "out.bmp"], "suffix"),
+        (["--coding", "srgb", "--black-level", "40"], "--coding linear"),
+        (["--target", "65,0.1"], "--target: size = 65"),
+        (["--target", "10"], "--target = '10'"),
+        (["--lux", "5"], "--lux: needs simulated charts"),
     ],
 )
 def test_what_is_wrong_is_named_in_one_line(tmp_path, capsys, monkeypatch, given, named):
@@ -210,7 +210,7 @@ def test_a_grey_scale_takes_a_tone_curve_out(tmp_path, capsys):
     path = tmp_path / "edge.png"
     write_picture(path, (65535 * curve(at.noisy(at.edge(), Draw.of(1)).numpy())).round().astype(np.uint16))
     roi = ("--roi", "0,0,120,100")
-    (bent,), (right,) = (told(capsys, path, *roi, *more)["regions"] for more in ((), ("--oecf", scale)))
+    (bent,), (right,) = (measured(capsys, path, *roi, *more)["regions"] for more in ((), ("--oecf", scale)))
     assert bent["mtf50"] > 1.15 * at.mtf50
     assert right["mtf50"] == pytest.approx(at.mtf50, rel=0.02)
     assert right["flags"] == ""
@@ -288,6 +288,6 @@ NOT_FOUND: dict[str, tuple[Tensor, Flag | None]] = {
 
 @pytest.mark.parametrize(("image", "reason"), NOT_FOUND.values(), ids=NOT_FOUND)
 def test_what_cannot_be_measured_is_not_found(image, reason):
-    seen = found(image)
-    assert seen.rois == []
-    assert set(seen.turned_down) == ({reason} if reason else set())
+    detected = found(image)
+    assert detected.rois == []
+    assert set(detected.rejected) == ({reason} if reason else set())

@@ -1,23 +1,22 @@
 """Two pictures of one chart: alike but for the draw of noise, or not, and then in what."""
 
 import json
-import math
 import re
-from dataclasses import replace
-from statistics import NormalDist
 
 import cv2
 import numpy as np
 import pytest
 import torch
 from blurnoise_eval.cli import main
-from blurnoise_eval.measure.pictures import Quantity, compare, pair_of
+from blurnoise_eval.measure.comparison import AGREES, CANNOT_TELL, DIFFERS, Measure, compared
+from blurnoise_eval.measure.pictures import compare, linear_pair
 
 from blurnoise import Camera, charts
 from blurnoise.sensor.readout import read_out
 
-CAMERA = replace(Camera.preset("imx250"), black_level_dn=20.0)
+CAMERA = Camera.preset("imx250").with_figures(black_level_dn=20.0)
 SIZE = (257, 320)
+X = Measure("x", "x")
 
 
 def picture(seed, *, light=1.0, blur=0.0, camera=CAMERA):
@@ -29,111 +28,100 @@ def picture(seed, *, light=1.0, blur=0.0, camera=CAMERA):
     return dn[0, 0].numpy().astype(np.uint16)
 
 
-def compared(first, second):
-    return compare(pair_of(first, second, "linear", black_level=20.0, full_scale=4095.0))[0]
+def comparisons(real, simulated):
+    return compare(*linear_pair(real, simulated, "linear", black_level=20.0, full_scale=4095.0))[0]
 
 
-def verdicts(found):
-    """By the kind of quantity, "agree" or how it differs; the worst of a kind."""
-    told: dict[str, str] = {}
-    for each in found:
-        kind = each.name.split()[0].strip(",")
-        if told.get(kind, "agree") == "agree":
-            told[kind] = each.verdict
-    return told
+def of(found, kind):
+    return [each for each in found if each.measure.name.startswith(kind)]
+
+
+def verdicts(found, *kinds):
+    return [{each.verdict for each in of(found, kind)} for kind in kinds]
 
 
 @pytest.mark.slow
-def test_draws_of_one_camera_agree():
-    """In one of twenty comparisons a quantity differs by chance: of eight pairs, in 4 or more once in 3000 times."""
-    pairs = [compared(picture(2 * seed), picture(2 * seed + 1)) for seed in range(8)]
-    assert sum(any(each.verdict != "agree" for each in found) for found in pairs) < 4
-    names = [each.name for each in pairs[0]]
-    assert names[0] == "mean"
-    for kind, count in (("noise at", 2), ("MTF50", 1)):
-        assert sum(name.startswith(kind) for name in names) == count
+def test_draws_of_one_camera_agree_but_for_chance():
+    """In one of twenty comparisons a measure differs by chance: of eight pairs, in 4 or more once in 3000 times.
+
+    Differences in standard errors, of 12 pairs: a spread of 1 within a factor of 1.6, kind by kind.
+    """
+    pairs = [comparisons(picture(2 * seed), picture(2 * seed + 1)) for seed in range(12)]
+    assert sum(any(each.verdict != AGREES for each in found) for found in pairs[:8]) < 4
+    assert [len(of(pairs[0], kind)) for kind in ("mean", "noise", "mtf50")] == [1, 2, 1]
+    for kind in ("mean", "noise", "mtf50"):
+        ends = [each.difference for found in pairs for each in of(found, kind)]
+        errors = [np.log((1 + end.high) / (1 + end.low)) / 2 / 1.96 for end in ends]
+        deviations = np.log1p([end.value for end in ends]) / errors
+        assert 1 / 1.6 < np.sqrt(np.mean(deviations**2)) < 1.6, kind
 
 
-def test_texture_rules_no_verdict():
+def test_texture_allows_no_verdict():
     """Texture of the noise's own variance in both pictures, one pixel apart: half of what is compared is noise, and
-    read noise of 5 % more shows as half of that. A picture without texture tells."""
+    read noise of 5 % more shows as half of that."""
     random = np.random.default_rng(1)
     texture = 32 * random.standard_normal(SIZE)
-    for of_texture, verdict, share in ((1.0, "cannot tell", 0.5), (0.0, "agree", 1.0)):
+    for of_texture, verdict, share in ((1.0, CANNOT_TELL, 0.5), (0.0, AGREES, 0.0)):
         pictures = [
-            1000 + of_texture * np.roll(texture, place, 1) + 32 * random.standard_normal(SIZE)
-            for place in (0, 1)
+            1000 + of_texture * np.roll(texture, shift, 1) + 32 * random.standard_normal(SIZE)
+            for shift in (0, 1)
         ]
-        pair = pair_of(*(np.round(each).astype(np.uint16) for each in pictures), "linear", full_scale=4095.0)
-        found, notes = compare(pair)
-        noise = next(each for each in found if each.name.startswith("noise"))
-        assert noise.noise_share == pytest.approx(share, abs=0.06)  # a shift loses 1 of 16 columns
+        pair = linear_pair(
+            *(np.round(each).astype(np.uint16) for each in pictures), "linear", full_scale=4095.0
+        )
+        found, notes = compare(*pair)
+        (noise,) = of(found, "noise")
+        assert noise.texture == pytest.approx(share, abs=0.06)  # a shift loses 1 of 16 columns
         assert noise.verdict == verdict
-        assert any("texture" in note for note in notes) == (verdict == "cannot tell")
+        assert any("texture" in note for note in notes) == (verdict == CANNOT_TELL)
 
 
-def test_noise_is_the_cameras():
-    """Levels of 250 squares of 16 x 16 px: a deviation to 0.3 %; the edge's own squares are left out."""
-    noise = [each for each in compared(picture(0), picture(1)) if each.name.startswith("noise at")]
-    for each, reflectance in zip(noise, (0.1, 0.8), strict=True):
-        gain = CAMERA.system_gain_dn_per_e
-        expected = gain * np.sqrt(5000 * reflectance + CAMERA.dark_variance_dn2() / gain**2) / 4075
-        assert each.simulated == pytest.approx(expected, rel=0.02)
-        assert each.real == pytest.approx(expected, rel=0.02)
+def test_noise_is_that_of_the_camera():
+    """Levels of 250 squares of 16 x 16 px: a deviation to 0.3 %; the squares on the edge are left out."""
+    gain = CAMERA.sensor.system_gain_dn_per_e
+    for level, reflectance in zip(of(comparisons(picture(0), picture(1)), "noise"), (0.1, 0.8), strict=True):
+        expected = gain * np.sqrt(5000 * reflectance + CAMERA.sensor.dark_variance_dn2() / gain**2)
+        assert level.simulated == pytest.approx(expected, rel=0.02)
+        assert level.real == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.slow
-def test_what_differs_is_told_apart():
+def test_what_differs_is_named():
     simulated = picture(0)
-    darker = verdicts(compared(simulated, picture(1, light=0.8)))
-    assert darker["mean"].startswith("differs by -")
-    assert darker["noise"].startswith("differs by -")
-    assert darker["MTF50"] == "agree"
-    blurred = verdicts(compared(simulated, picture(1, blur=1.0)))
-    assert blurred["MTF50"].startswith("differs by -")
-    assert blurred["mean"] == "agree"
-    noisier = compared(simulated, picture(1, camera=replace(CAMERA, read_noise_e=30.0)))
-    darkest = next(each for each in noisier if each.name.startswith("noise"))
-    assert darkest.difference > 0.1
-    assert verdicts(noisier)["mean"] == "agree"
+    darker = comparisons(picture(1, light=0.8), simulated)
+    assert verdicts(darker, "mean", "noise", "mtf50") == [{DIFFERS}, {DIFFERS}, {AGREES}]
+    assert all(each.difference.high < 0 for kind in ("mean", "noise") for each in of(darker, kind))
+    blurred = comparisons(picture(1, blur=1.0), simulated)
+    assert verdicts(blurred, "mean", "mtf50") == [{AGREES}, {DIFFERS}]
+    noisier = comparisons(picture(1, camera=CAMERA.with_figures(read_noise_e=30.0)), simulated)
+    assert of(noisier, "noise")[0].difference.low > 0.1
+    assert verdicts(noisier, "mean") == [{AGREES}]
 
 
-@pytest.mark.slow
-def test_chance_is_as_wide_as_differences_are():
-    """Differences in standard deviations, of 12 pairs: a spread of 1 within a factor of 1.6, kind by kind. Chance is
-    what one of n quantities exceeds in 5 % of comparisons: a normal's 1 - 0.025 / n."""
-    deviations: dict[str, list[float]] = {}
-    for seed in range(12):
-        quantities = compared(picture(50 + 2 * seed), picture(51 + 2 * seed))
-        most = NormalDist().inv_cdf(1 - 0.025 / len(quantities))
-        for each in quantities:
-            deviations.setdefault(each.name.split()[0], []).append(most * each.difference / each.chance)
-    for kind, found in deviations.items():
-        assert 1 / 1.6 < np.sqrt(np.mean(np.square(found))) < 1.6, kind
-
-
-def test_what_cannot_be_told():
-    assert Quantity("x", "", 0.0, 1.0, 0.1).verdict == "cannot tell"
-    assert Quantity("x", "", 1.0, 2.5, 0.1).verdict == "differs by +150 %"
-    assert [Quantity("x", "", 0.0, 0.0, each).cells()[3] for each in (0.1, math.nan, math.inf)] == [
-        "±10 %",
-        "-",
-        "-",
-    ]
-    _, notes = compare(pair_of(np.full(SIZE, 500, np.uint16), np.full(SIZE, 500, np.uint16)))
-    assert any("sharpness is not compared" in note for note in notes)
-    assert any("noise is not compared" in note for note in notes)
+def test_verdicts_of_one_comparison():
+    """Half an interval is 1.96 errors of the logarithm; it must not be wider than 50 % to show that values agree."""
+    assert compared(X, 1.0, 0.0, 0.1).verdict == CANNOT_TELL
+    assert compared(X, 1.0, 1.0, 0.0).verdict == CANNOT_TELL
+    assert compared(X, 2.5, 1.0, 0.1).cells() == ("x 2.5 (2.06, 3.04)", "2.5", "1")
+    assert compared(X, 0.85, 1.0, 0.1).verdict == AGREES
+    assert compared(X, 0.75, 1.0, 0.1).verdict == DIFFERS
+    assert compared(X, 0.85, 1.0, 0.3).verdict == CANNOT_TELL
+    assert compared(X, 1e-6, 1.0, 1.0).verdict == DIFFERS  # no error makes any loss agree
+    even = np.full(SIZE, 500, np.uint16)
+    _, notes = compare(*linear_pair(even, even))
+    for name in ("sharpness", "noise"):
+        assert any(f"{name} is not compared" in note for note in notes)
 
 
 def test_pictures_that_do_not_go_together():
-    said = "simulated, real: are 320 x 257 px, 16 bits and"
+    start = "real, simulated: are 320 x 257 px, 16 bits and"
     for first, second, why in (
-        (picture(0), np.zeros((257, 321), np.uint16), f"{said} 321 x 257 px, 16 bits; must have the same"),
-        (picture(0), np.zeros(SIZE, np.uint8), f"{said} 320 x 257 px, 8 bits; must have the same"),
+        (picture(0), np.zeros((257, 321), np.uint16), f"{start} 321 x 257 px, 16 bits; must have the same"),
+        (picture(0), np.zeros(SIZE, np.uint8), f"{start} 320 x 257 px, 8 bits; must have the same"),
         (np.zeros((63, 99), np.uint8), np.zeros((63, 99), np.uint8), "at least 64 x 64"),
     ):
         with pytest.raises(ValueError, match=re.escape(why)):
-            pair_of(first, second)
+            linear_pair(first, second)
 
 
 @pytest.mark.slow
@@ -141,28 +129,20 @@ def test_the_command(tmp_path, capsys):
     for name, seed in (("a", 0), ("b", 1)):
         cv2.imwrite(str(tmp_path / f"{name}.png"), picture(seed))
     pictures = [str(tmp_path / name) for name in ("a.png", "b.png")]
-    words = ["compare", *pictures, "--black-level", "20", "--full-scale", "4095"]
+    words = ["validate", *pictures, "--black-level", "20", "--full-scale", "4095"]
     assert main(words) == 0
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines()[:6])) <= 80
-    assert "agree" in shown
-    assert main([*words, "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["quantities"]
-    assert rows[0]["quantity"] == "mean"
-    assert len(rows) == 4
-    assert main([*words[:2], str(tmp_path / "missing.png")]) == 2
-    assert main([*words, "--srgb", "--linear"]) == 2
-    assert capsys.readouterr().err.count("\n") == 2
-
-
-@pytest.mark.parametrize(
-    ("real", "chance", "verdict"),
-    [
-        (0.85, 0.2, "agree"),
-        (0.75, 0.2, "differs by -25 %"),
-        (0.3, 2.0, "agree"),
-        (1e-6, 2.0, "differs by -100 %"),
-    ],
-)
-def test_no_chance_makes_any_loss_agree(real, chance, verdict):
-    assert Quantity("noise", "", 1.0, real, chance).verdict == verdict
+    assert AGREES in shown
+    assert main([*words, "--json", "-o", str(tmp_path / "out")]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["measure"].partition("_")[0] for row in rows] == ["mean", "noise", "noise", "mtf50"]
+    assert (tmp_path / "out" / "validation.csv").read_text().count("\n") == 5
+    for wrong, named in (
+        ([pictures[0], str(tmp_path / "missing.png")], "missing.png"),
+        ([pictures[0]], "simulated: is missing"),
+        ([*pictures, "--cfa", "RGGB"], "--cfa: needs a folder of frames"),
+        ([pictures[0], str(tmp_path)], "is a folder"),
+    ):
+        assert main(["validate", *wrong]) == 2
+        assert named in capsys.readouterr().err

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.program.problem import inputs_of
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, mean_light
-from blurnoise_eval.store.store import Store
+from blurnoise_eval.run.evaluation import evaluate
 from signs_in_memory import CAMERA, TWO, matched_detector
 
 from blurnoise.scene.metering import USUAL
@@ -90,7 +89,7 @@ def test_time_and_gain_make_the_total():
         gain = 10 ** (metering.gain_db(10.0, time_s) / 20)
         assert gain * time_s == pytest.approx(total_s, rel=2e-3)  # dark charge
     assert metering.gain_db(10.0, 10.0) == 0.0
-    assert metering.gain_db(10.0, 1e-6) == CAMERA.gain_max_db
+    assert metering.gain_db(10.0, 1e-6) == CAMERA.sensor.gain_max_db
 
 
 def test_mean_light_follows_from_gains():
@@ -99,18 +98,17 @@ def test_mean_light_follows_from_gains():
         for lux in (0.01, 10.0, 50.0, 1e5):  # at the first gain is at its most, at the last at none
             at = {"illuminance_lux": lux, "exposure_s": 0.005}
             gain_db = USUAL.setting(CAMERA, mean_light=light, **at).gain_db
-            rows.append({"image": image, "applied_gain_db": gain_db, **at})
+            rows.append((image, lux, 0.005, gain_db))
     assert mean_light(rows, CAMERA) == pytest.approx(0.2, rel=1e-3)
-    assert mean_light([row for row in rows if row["illuminance_lux"] in (0.01, 1e5)], CAMERA) is None
+    assert mean_light([row for row in rows if row[1] in (0.01, 1e5)], CAMERA) is None
 
 
 def test_a_sweep_has_planes_for_its_lights_above_zero(tmp_path):
     grid = {"exposure_s": (0.008, 0.032), "illuminance_lux": (0.0, 2.0, 5.0), "velocity_x_px_s": (0.0, 200.0)}
     plan = SweepPlan(grid | {"velocity_y_px_s": (0.0,), "gain_db": (AUTOMATIC,)})
     question = Question(threshold=0.5)
-    done = evaluate(matched_detector(tmp_path), TWO, CAMERA, plan, question, tmp_path, refine=False)
-    with Store(tmp_path) as store:
-        found = inputs_of(store, done.criterion)
+    done = evaluate(matched_detector(tmp_path), TWO, CAMERA, plan, question, tmp_path, strategy="grid")
+    found = inputs_of(done)
     asked = found.scenario
     assert (asked.lights_lux[0], asked.lights_lux[-1], found.exposures_s) == (2.0, 5.0, (0.008, 0.032))
     assert asked.speeds_px_s == {0.0: 0.5, 200.0: 0.5}

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from blurnoise_eval.evaluation import Evaluation
 from blurnoise_eval.report import failures
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import Store
 from read_pages import Page
 from squares_seen import SIZE_PX, SQUARES, squares_run
@@ -85,7 +85,7 @@ def test_a_confidence_just_below_is_missed_though_it_reads_alike(run, targets, t
     shutil.copytree(run.folder, copy)
     with Store(copy, create=True) as store, store._transaction() as db:
         db.execute("UPDATE targets SET confidence = 0.24996 WHERE label = 'grey' AND clean = 1")
-    Evaluation(copy, progress=False).report()
+    Run.open(copy, progress=False).report()
     model = numbers_of(copy / "failures.html")["models"][0]
     original = codes_of(model, 7)[0]
     grey = [model["labels"][each[2]] == "grey" for each in model["targets"]]
@@ -136,16 +136,16 @@ def test_without_the_pictures_a_page_that_has_them_stays_and_a_new_one_says_so(r
     shutil.copytree(run.folder, copy)
     gone: Any = {"progress": False, "images": tmp_path / "gone"}
     with pytest.warns(UserWarning, match=r"stays as it was, with 3 pictures; 0 of 3 .*--images"):
-        Evaluation(copy, **gone).report()
+        Run.open(copy, **gone).report()
     assert numbers_of(copy / "failures.html") == numbers
     with pytest.warns(UserWarning, match="has no pictures"):
-        Evaluation(copy, output=other, **gone).report()
+        Run.open(copy, **gone).report(other)
     left = numbers_of(other / "failures.html")
     assert [each[3] for each in left["pictures"]] == [None] * 3
     assert left["models"] == numbers["models"]
     assert "3 of 3 pictures cannot be shown" in Page(other / "failures.html").text
     there = shutil.copytree(run.folder.parent / "pictures", tmp_path / "elsewhere")
-    Evaluation(copy, progress=False, output=other, images=there).report()
+    Run.open(copy, progress=False, images=there).report(other)
     assert numbers_of(other / "failures.html")["pictures"] == numbers["pictures"]
 
 
@@ -155,7 +155,7 @@ def test_cells_that_cannot_be_simulated_again_leave_the_page_without_crops(run, 
     with Store(copy, create=True) as store, store._transaction() as db:
         for table in ("cells", "targets"):
             db.execute(f"UPDATE {table} SET cell_id = substr(cell_id, 2) || substr(cell_id, 1, 1)")
-    Evaluation(copy, progress=False).report()
+    Run.open(copy, progress=False).report()
     left = numbers_of(copy / "failures.html")
     assert left["crops"] == {}
     assert left["models"] == numbers["models"]
@@ -164,7 +164,7 @@ def test_cells_that_cannot_be_simulated_again_leave_the_page_without_crops(run, 
 def test_what_is_too_much_is_left_out_and_counted(run, tmp_path, monkeypatch):
     monkeypatch.setattr(failures, "MOST_CODES", 4 * 7)
     monkeypatch.setattr(failures, "MOST_PICTURE_BYTES", 1)
-    Evaluation(run.folder, output=tmp_path, progress=False).report()
+    Run.open(run.folder, progress=False).report(tmp_path)
     left = numbers_of(tmp_path / "failures.html")
     text = Page(tmp_path / "failures.html").text
     assert len(left["models"][0]["targets"]) == 4

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from blurnoise_eval.evaluation import Evaluation
 from blurnoise_eval.report import fiftyone_export
+from blurnoise_eval.run.run import Run
 from squares_seen import SIZE_PX, squares_run
 
 FOUND = 0.25
@@ -119,7 +119,7 @@ def test_limits_keep_the_recommended_exposure_and_say_so(run, tmp_path, monkeypa
     monkeypatch.setattr(fiftyone_export, "MOST_SAMPLES", 10)
     assert run.write_fiftyone(tmp_path) == "10 samples of 2 of 3 pictures (21 cells in the run)"
     samples = json.loads((tmp_path / "samples.json").read_text())["samples"]
-    recommended = run.data.recommendations[0]["exposure_s"]
+    recommended = run.tables.recommendations[0]["exposure_s"]
     exposures = (0.0005, 0.002, 0.008)
     nearest = min(exposures, key=lambda each: abs(np.log(each / recommended)))
     marked = [sample["exposure_s"] for sample in samples if "recommended" in sample["tags"]]
@@ -128,7 +128,7 @@ def test_limits_keep_the_recommended_exposure_and_say_so(run, tmp_path, monkeypa
 
 
 def test_without_labels_each_model_has_targets_of_its_own(run, tmp_path):
-    data = run.data.manifest["images"]
+    data = run.tables.manifest["images"]
     labelled, data["labelled"] = data["labelled"], False
     try:
         run.write_fiftyone(tmp_path)
@@ -139,7 +139,7 @@ def test_without_labels_each_model_has_targets_of_its_own(run, tmp_path):
 
 
 def test_no_picture_at_hand_is_an_error_that_says_where_they_were(run, tmp_path):
-    moved = Evaluation(run.folder, progress=False, images=tmp_path / "gone")
+    moved = Run.open(run.folder, progress=False, images=tmp_path / "gone")
     with pytest.raises(ValueError, match=r"images = .*gone.*: must be a folder"):
         moved.write_fiftyone(tmp_path / "dataset")
     assert not (tmp_path / "dataset").exists()

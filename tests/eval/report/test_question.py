@@ -4,7 +4,7 @@ import json
 
 import matched_filter
 import pytest
-from blurnoise_eval import Detector, Evaluation, datasets, evaluate
+from blurnoise_eval import Detector, Run, datasets, evaluate
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.cli import main
 from blurnoise_eval.plan.question import Question
@@ -22,7 +22,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("asked")
     model = Detector(matched_filter.build(folder / "small.onnx", sizes_px=(100, 50, 32)))
     signs = datasets.rendered_signs((50, 32), count=9)
-    evaluate(model, signs, "imx250", PLAN, ASKED, folder / "run", refine=False)
+    evaluate(model, signs, "imx250", PLAN, ASKED, folder / "run", strategy="grid")
     return folder / "run"
 
 
@@ -45,7 +45,7 @@ def test_a_report_asks_what_the_sweep_asked(
 
 
 def test_python_and_a_merged_run_ask_the_same(run, tmp_path):
-    opened = Evaluation(run)
+    opened = Run.open(run)
     merge([run], tmp_path / "merged")
-    assert Evaluation(tmp_path / "merged").criterion == opened.criterion
+    assert Run.open(tmp_path / "merged").criterion == opened.criterion
     assert opened.criterion == Criterion(0.7, kept=True, score="detection_rate", cluster=r"\d$")

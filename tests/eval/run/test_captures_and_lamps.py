@@ -9,26 +9,25 @@ import numpy as np
 import pytest
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.datasets import decode, rendered_signs, target_mask, write_picture
-from blurnoise_eval.evaluation import Evaluation
-from blurnoise_eval.explorer.run import Run as ExploredRun
 from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.files import PlanFile
 from blurnoise_eval.plan.lamps import Lamps
 from blurnoise_eval.plan.objects import Objects
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
-from blurnoise_eval.run.exposing import Scene, check_plan, frames, snr_db
+from blurnoise_eval.run.exposing import PictureScene, check_plan, frames, snr_db
 from blurnoise_eval.run.merging import merge
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import Store
 from commands import main
 from signs_in_memory import BOX, CAMERA, matched_detector, noise, picture, picture_set, sign
 
 from blurnoise import AutoExposure, Exposure, photoelectrons
-from blurnoise.light.flicker import Pwm
-from blurnoise.optics.captures import Capture, longest_first_s, staggered, windows
+from blurnoise.camera.captures import Capture, longest_first_s, staggered, windows
+from blurnoise.light.lamp import Pwm
 
-HDR = replace(CAMERA, captures=staggered(16))
-ROLLING = replace(CAMERA, row_time_s=2e-5, shutter="rolling")
+HDR = CAMERA.with_figures(captures=staggered(16))
+ROLLING = CAMERA.with_figures(row_time_s=2e-5, shutter="rolling")
 TARGETS = Lamps(pwm="90,0.1", pwm_mask="targets")
 LIT = {"illuminance_lux": 300.0}
 
@@ -59,13 +58,12 @@ def test_a_sweep_takes_the_picture_that_simulate_takes(tmp_path, gain, captures,
     (tmp_path / "c.yaml").write_text(f"base: imx250\ncaptures: {captures}\n")
     words = f"--camera {tmp_path / 'c.yaml'} --exposure-ms 2 --lux 3000 --dx 500 --gain {gain}"
     expected = simulated(tmp_path, words, {"hdr_white": 4})
-    camera = replace(
-        CAMERA,
+    camera = CAMERA.with_figures(
         captures=staggered(16) if "ratio" in captures else (Capture(gain_db=12.0), Capture(start_s=0.0)),
     )
     at = {"exposure_s": 0.002, "illuminance_lux": 3000.0, "velocity_x_px_s": 500.0}
     at["gain_db"] = AUTOMATIC if gain == "auto" else float(gain)
-    frame = framed(Scene(sign(), hdr_white=4.0), at, camera)
+    frame = framed(PictureScene(sign(), hdr_white=4.0), at, camera)
     np.testing.assert_array_equal(frame.image, expected)
 
 
@@ -74,24 +72,24 @@ def test_it_sees_lamps_as_simulate_does(tmp_path, capsys):
     (tmp_path / "c.yaml").write_text(
         "base: imx250\nrow_time_s: 2.0e-5\nshutter: rolling\ncaptures: [{}, {exposure_ratio: 4}]\n"
     )
-    camera, mask = replace(ROLLING, captures=staggered(4)), mask_file(tmp_path)
+    camera, mask = ROLLING.with_figures(captures=staggered(4)), mask_file(tmp_path)
     given = {"emitters": f"{mask}:9", "pwm": "90,0.1", "pwm_mask": mask}
     lamps = replace(TARGETS, emitters="targets:9")
     at = {"exposure_s": 0.009, "illuminance_lux": 30.0, "velocity_x_px_s": 100.0}
     words = f"--camera {tmp_path / 'c.yaml'} --exposure-ms 9 --lux 30 --dx 100"
-    frame = framed(Scene(sign(), picture=picture("p"), lamps=lamps), at, camera)
+    frame = framed(PictureScene(sign(), picture=picture("p"), lamps=lamps), at, camera)
     assert frame.exposure.lamp == Pwm(90.0, 0.1).with_phase_of(3)
     # the mask's file has 8 bits, and so the light of its edge is another by up to 0.2 %
     seen = simulated(tmp_path, words, given).astype(int)
     assert np.abs(seen - frame.image).max() <= 2
-    dark = framed(Scene(sign(), picture=picture("p")), at, camera)
+    dark = framed(PictureScene(sign(), picture=picture("p")), at, camera)
     assert np.abs(seen - dark.image).mean() > 2
 
 
 def test_a_path_goes_on_to_the_last_capture(tmp_path, capsys):
     expected = simulated(tmp_path, "--camera imx250 --exposure-ms 8 --lux 300 --trajectory shake:9 --hdr 2")
     at, path = {"exposure_s": 0.008, **LIT}, (TrajectorySpec.parse("shake:9"), 0.008)
-    frame = framed(Scene(sign()), at, replace(CAMERA, captures=staggered(2)), path=path)
+    frame = framed(PictureScene(sign()), at, CAMERA.with_figures(captures=staggered(2)), path=path)
     np.testing.assert_array_equal(frame.image, expected)
 
 
@@ -101,15 +99,15 @@ def test_saturation_of_a_merged_picture():
     image[:10], image[10:30] = 255, 118  # sRGB of 0.18
     for lux_s, white, share in ((20.0, 2.0, 0.0), (30.0, 2.0, 0.25), (200.0, 2.0, 0.75), (20.0, 0.5, 0.25)):
         at = {"exposure_s": 0.01, "illuminance_lux": lux_s / 0.01}
-        frame = framed(Scene(image, hdr_white=white), at, HDR)
+        frame = framed(PictureScene(image, hdr_white=white), at, HDR)
         assert frame.saturated == pytest.approx(share, abs=0.01)
 
 
 def test_signal_to_noise_is_that_of_the_merged_pixel():
     """White of 2 lux s is beyond the first capture: the second's electrons, 16 times each, with its own noise."""
-    camera = replace(HDR, read_noise_e=10.0, prnu=0.0, dsnu_e=0.0)
+    camera = HDR.with_figures(read_noise_e=10.0, prnu=0.0, dsnu_e=0.0)
     white_e = photoelectrons(camera, 200.0, 0.01)
-    noise_e = 16 * math.sqrt(white_e / 16 + 10.0**2 + 1 / 12 / camera.system_gain_dn_per_e**2)
+    noise_e = 16 * math.sqrt(white_e / 16 + 10.0**2 + 1 / 12 / camera.sensor.system_gain_dn_per_e**2)
     found = snr_db(Exposure(camera, exposure_s=0.01, illuminance_lux=200.0), 1.0)
     assert found == pytest.approx(20 * math.log10(white_e / noise_e), abs=0.05)
     assert snr_db(Exposure(camera, exposure_s=0.01, illuminance_lux=200.0), 0.0) is None
@@ -120,12 +118,12 @@ def test_captures_end_within_the_frame():
     later = (Capture(), Capture(exposure_ratio=4, start_s=0.02))
     assert longest_first_s(later, 0.021) == pytest.approx(0.004)
     assert longest_first_s((), 0.02) == 0.02
-    camera = replace(CAMERA, captures=staggered(4, 16))
+    camera = CAMERA.with_figures(captures=staggered(4, 16))
     found = AutoExposure(frame_rate_hz=50.0).setting(camera, mean_light=0.2, illuminance_lux=0.01)
-    assert sum(windows(camera.captures, found.exposure_s)[-1]) == pytest.approx(0.02)
+    assert sum(windows(camera.sensor.captures, found.exposure_s)[-1]) == pytest.approx(0.02)
     plan = SweepPlan({"exposure_s": (0.001, 0.03), "illuminance_lux": (50.0,)})
     with pytest.raises(ValueError, match="captures: number 2, 20 to"):
-        check_plan(plan, replace(CAMERA, captures=later), picture_set(picture("p")))
+        check_plan(plan, CAMERA.with_figures(captures=later), picture_set(picture("p")))
 
 
 @pytest.mark.parametrize(("camera", "rows"), [(CAMERA, 1), (ROLLING, 24)])
@@ -135,7 +133,7 @@ def test_share_of_missed_pulses_is_the_closed_form(camera, rows, exposure_s):
 
     1000 equidistant phases: the share is right to 1/1000 at either end.
     """
-    scene = Scene(
+    scene = PictureScene(
         sign(), picture=picture("p"), lamps=replace(TARGETS, pwm_phase=tuple(np.arange(1000) / 1000))
     )
     taken = framed(scene, {"exposure_s": exposure_s, **LIT}, camera).exposure
@@ -143,23 +141,25 @@ def test_share_of_missed_pulses_is_the_closed_form(camera, rows, exposure_s):
     missed = [scene.missed_pulse(replace(taken, lamp=lamps.pulses(repeat, 3))) for repeat in range(1000)]
     first, last = np.flatnonzero(scene.lamp_mask.numpy().any(1))[[0, -1]]
     assert rows == 1 or abs(last - first + 1 - rows) <= 1
-    lasting = exposure_s + (last - first) * camera.row_time_s / camera.field.per_sensor_px(sign().shape[:2])
+    lasting = exposure_s + (last - first) * camera.sensor.row_time_s / camera.field.per_sensor_px(
+        sign().shape[:2]
+    )
     assert np.mean(missed) == pytest.approx(Pwm(90.0, 0.1).dark_probability(lasting), abs=0.002)
 
 
 def test_a_missed_pulse_leaves_the_lamp_dark_and_nothing_else():
     left, top, right, bottom = (round(edge) for edge in BOX)
-    scene = Scene(sign(), picture=picture("p"), lamps=replace(TARGETS, pwm_phase=(0.5, 0.0)))
+    scene = PictureScene(sign(), picture=picture("p"), lamps=replace(TARGETS, pwm_phase=(0.5, 0.0)))
     at = {"exposure_s": 0.001, **LIT}
     dark, bright = (framed(scene, at, CAMERA, repeat=repeat) for repeat in (0, 1))
     assert (dark.missed_pulse, bright.missed_pulse) == (True, False)
     middle = slice(top + 8, bottom - 8), slice(left + 8, right - 8)
     assert dark.image[middle].max() < 25 < bright.image[middle].mean()
     np.testing.assert_array_equal(dark.image[:, : left - 2], bright.image[:, : left - 2])
-    everywhere = Scene(sign(), lamps=Lamps(pwm="90,0.1,0.5"))
+    everywhere = PictureScene(sign(), lamps=Lamps(pwm="90,0.1,0.5"))
     assert framed(everywhere, at, CAMERA).image.mean() < 10
     empty = replace(picture("p"), targets=())
-    assert framed(Scene(sign(), picture=empty, lamps=TARGETS), at, CAMERA).missed_pulse is None
+    assert framed(PictureScene(sign(), picture=empty, lamps=TARGETS), at, CAMERA).missed_pulse is None
 
 
 def test_lamps_move_with_their_targets():
@@ -167,15 +167,15 @@ def test_lamps_move_with_their_targets():
     (one,) = rendered_signs([60], count=1)
     at = {"exposure_s": 0.004, **LIT, "velocity_x_px_s": 4000.0, "moves": 1.0}
     lit = framed(
-        Scene(one.load(), picture=one, lamps=Lamps(pwm="90,0.1,0.0", pwm_mask="targets")), at, CAMERA
+        PictureScene(one.load(), picture=one, lamps=Lamps(pwm="90,0.1,0.0", pwm_mask="targets")), at, CAMERA
     )
     dark = framed(
-        Scene(one.load(), picture=one, lamps=Lamps(pwm="90,0.1,0.2", pwm_mask="targets")), at, CAMERA
+        PictureScene(one.load(), picture=one, lamps=Lamps(pwm="90,0.1,0.2", pwm_mask="targets")), at, CAMERA
     )
     x0, y0, x1, y1 = (round(edge) for edge in one.targets[0].box_xyxy)
     middle = slice((y0 + y1) // 2 - 5, (y0 + y1) // 2 + 5), slice((x0 + x1) // 2 - 5, (x0 + x1) // 2 + 5)
     assert dark.image[middle].max() < 40 < lit.image[middle].mean()
-    brighter = Scene(one.load(), picture=one, lamps=Lamps(emitters="targets:3"), objects=Objects())
+    brighter = PictureScene(one.load(), picture=one, lamps=Lamps(emitters="targets:3"), objects=Objects())
     seen = framed(brighter, {**at, "illuminance_lux": 30.0, "moves": 0.0}, CAMERA)
     moved = framed(brighter, {**at, "illuminance_lux": 30.0}, CAMERA)
     assert moved.image[middle].mean() == pytest.approx(seen.image[middle].mean(), rel=0.05)
@@ -246,7 +246,7 @@ def run(tmp_path_factory):
     plan = SweepPlan(grid, 10, lamps=replace(TARGETS, pwm_phase=phases))
     shown = picture_set(picture("a"), picture("b", lambda: noise(40, 51), None))
     shown = replace(shown, pictures=(shown.pictures[0], replace(shown.pictures[1], targets=())))
-    done = evaluate(matched_detector(folder), shown, HDR, plan, output=folder / "run", refine=False)
+    done = evaluate(matched_detector(folder), shown, HDR, plan, output=folder / "run", strategy="grid")
     done.report()
     return folder / "run"
 
@@ -263,17 +263,17 @@ def test_tables_carry_phase_and_missed_pulses(run):
     assert {at: float(share) for at, share in shares.items()} == {0.001: 0.9, 0.003: 0.7, 0.012: 0.0}
     page = (run / "report.html").read_text()
     assert "Share of pictures that miss the pulsed lamp" in page
-    (answer,) = Evaluation(run).answers
+    (answer,) = Run.open(run).answers
     assert answer["window_from_limited_by"] == "missed pulses"
 
 
 def test_a_cell_of_the_run_is_taken_again(run):
     """As the explorer shows it: the phase of its repeat, and all captures."""
-    explored = ExploredRun(run, trusted=True)
+    explored = Run.open(run, trust=True)
     cell = explored.cell(image="a", repeat=7, exposure_s=0.003)
-    frame = explored.expose(Scene(sign(), picture=picture("a"), lamps=explored.plan.lamps), cell)
+    frame = explored.expose(PictureScene(sign(), picture=picture("a"), lamps=explored.plan.lamps), cell)
     assert frame.exposure.lamp == Pwm(90.0, 0.1, 0.7)
-    assert len(frame.exposure.camera.captures) == 2
+    assert len(frame.exposure.camera.sensor.captures) == 2
 
 
 def test_a_run_without_lamps_has_the_columns_of_before(tmp_path):
@@ -293,16 +293,14 @@ def test_parts_of_a_run_under_a_lamp_are_joined(tmp_path):
     plan = SweepPlan({"exposure_s": (0.003,), "illuminance_lux": (50.0,)}, lamps=TARGETS)
     shown = picture_set(*(picture(name) for name in "abcdef"))
     detector = matched_detector(tmp_path)
-    evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", refine=False)
+    evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", strategy="grid")
     parts = [tmp_path / f"part{number}" for number in (1, 2)]
     for number, part in enumerate(parts, 1):
-        evaluate(detector, shown, CAMERA, plan, output=part, part=f"{number}/2", refine=False)
+        evaluate(detector, shown, CAMERA, plan, output=part, part=f"{number}/2", strategy="grid")
     merge(parts, tmp_path / "joined")
 
     def lamps(folder):
         with Store(folder) as store:
-            return [
-                (row["image"], row["clean"], row["pwm_phase"], row["missed_pulse"]) for row in store.cells()
-            ]
+            return [(row.image, row.conditions, row.lamp) for row in store.cells()]
 
     assert lamps(tmp_path / "joined") == lamps(tmp_path / "whole")

@@ -93,8 +93,8 @@ def test_a_picture_that_kills_its_process_is_named_and_skipped(detector, picture
     assert outcome.workers_died == 2
     assert "died" in outcome.skipped["deadly.png"]
     with Store(tmp_path / "run") as store:
-        assert [cell["image"] for cell in store.cells()] == ["a.png", "a.png", "c.png", "c.png"]
-        skipped = {row["image"]: row["reason"] for row in store.skipped()}
+        assert [cell.image for cell in store.cells()] == ["a.png", "a.png", "c.png", "c.png"]
+        skipped = {row.image: row.reason for row in store.skipped()}
     assert skipped == outcome.skipped
     mended = replace(shown, pictures=(good, replace(deadly, load=good.load), shown.pictures[2]))
     outcome = computed(tmp_path / "run", [detector], mended, ThreadEngine(1), ONE)

@@ -7,12 +7,12 @@ import commands
 import pandas as pd
 import pytest
 from band_readers import band_reader
-from blurnoise_eval import Evaluation, datasets, evaluate, expose
+from blurnoise_eval import Run, datasets, evaluate, expose
 from blurnoise_eval.default_camera import default_camera
-from blurnoise_eval.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.run import TABLES
 from blurnoise_eval.run import identity
+from blurnoise_eval.run.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.store.store import StoreError
 from blurnoise_models.detector import STOP_SIGN
 from plans import plan as swept
@@ -32,7 +32,7 @@ def pictures(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(tmp_path_factory, detector, pictures):
     folder = tmp_path_factory.mktemp("run")
-    return evaluate(detector.path, pictures, "imx250", PLAN, output=folder, refine=False)
+    return evaluate(detector.path, pictures, "imx250", PLAN, output=folder, strategy="grid")
 
 
 def timeless(rows):
@@ -44,7 +44,7 @@ def test_python_and_the_command_find_the_same(done, detector, pictures, tmp_path
     command = ["sweep", "--model", str(detector.path), "--images", pictures.source, *OPTIONS.split()]
     assert commands.main([*command, "-o", str(tmp_path)]) == 0
     told = json.loads(capsys.readouterr().out)
-    by_command = Evaluation(tmp_path)
+    by_command = Run.open(tmp_path)
     for name in ("cells", "targets", "scores", "curves", "models", "answers"):
         ours, theirs = getattr(done, name), getattr(by_command, name)
         assert len(pd.DataFrame(ours)) == len(ours) > 0, name
@@ -63,26 +63,28 @@ def test_python_and_the_command_find_the_same(done, detector, pictures, tmp_path
 
 def test_a_run_opens_again_and_goes_on(done, detector, pictures, monkeypatch):
     monkeypatch.setattr(identity, "latency", lambda *_: pytest.fail("is known"))
-    again = evaluate([detector], pictures, "imx250", PLAN, Question(threshold=0.2), done.folder, refine=False)
+    again = evaluate(
+        [detector], pictures, "imx250", PLAN, Question(threshold=0.2), done.folder, strategy="grid"
+    )
     assert (again.outcome.computed, again.outcome.resumed) == (0, 10)
-    opened = Evaluation(done.folder, Question(threshold=0.2))
+    opened = Run.open(done.folder, Question(threshold=0.2))
     assert opened.outcome is None
-    assert "wall_s" not in opened.summary
+    assert "wall_s" not in opened.summary()
     assert opened.answers == again.answers
     with pytest.raises(StoreError, match="another plan"):
         evaluate(detector, pictures, "imx250", replace(PLAN, seed=1), output=done.folder)
     with pytest.raises(StoreError, match="holds no"):
-        Evaluation(done.folder / "nowhere")
+        Run.open(done.folder / "nowhere")
 
 
 def test_not_told_it_is_the_default_sweep(monkeypatch, tmp_path):
     seen = []
 
-    def watched(*arguments, **_):
-        seen.append((*arguments, arguments[4].about("identity")))  # in the store, of which nothing stays
+    def watched(*arguments, store, **_):
+        seen.append((*arguments, store.about("identity")))  # in the store, of which nothing stays
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("blurnoise_eval.run.computing.run", watched)
+    monkeypatch.setattr("blurnoise_eval.run.evaluation.compute", watched)
     assert commands.main(["sweep", "-o", str(tmp_path / "command")]) == 130
     with pytest.raises(KeyboardInterrupt):
         evaluate(output=tmp_path / "python")

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from blurnoise_eval.datasets import Picture, PictureSet, Target, image_folder, write_picture
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.plan.conditions import SweepPlan
-from blurnoise_eval.plan.objects import Crossing, Objects
-from blurnoise_eval.run import computing as sweep
+from blurnoise_eval.plan.objects import Objects
 from blurnoise_eval.run import identity
+from blurnoise_eval.run.computing import compute
+from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.run.identity import open_run
 from blurnoise_eval.run.merging import merge
-from blurnoise_eval.run.run import Batch, Run, ask
+from blurnoise_eval.run.run import Run
+from blurnoise_eval.run.setup import Batch, Setup, note_batch
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.machine import versions
 from plans import plan as swept
@@ -64,7 +65,7 @@ def computed(detector, photos, run, plan=SMALL, **changed):
     pictures = replace(image_folder(photos), **changed)
     with Store(run, create=True) as store:
         open_run(store, [detector], CAMERA, pictures, plan, {})
-        done = sweep.run([detector], CAMERA, pictures, plan, store)
+        done = compute([detector], CAMERA, pictures, plan, store)
     return done.computed, done.resumed
 
 
@@ -97,10 +98,10 @@ def test_a_picture_that_changes_under_the_sweep_ends_it(detector, photos, tmp_pa
     assert computed(detector, photos, tmp_path / "run", pictures=pictures) == (6, 0)
     shown = replace(image_folder(photos), pictures=pictures)
     with Store(tmp_path / "run", create=True) as store:
-        before = [row for row in store.cells() if row["image"] == "a.bmp"]
+        before = [row for row in store.cells() if row.image == "a.bmp"]
         with pytest.raises(StoreError, match=r"picture 'a\.bmp' has changed since"):
-            sweep.run([detector], CAMERA, shown, replace(SMALL, repeats=2), store)
-        assert [row for row in store.cells() if row["image"] == "a.bmp"] == before
+            compute([detector], CAMERA, shown, replace(SMALL, repeats=2), store)
+        assert [row for row in store.cells() if row.image == "a.bmp"] == before
 
 
 def test_every_part_of_a_run_is_in_its_identity(cut, detector, tmp_path):
@@ -117,7 +118,7 @@ def test_every_part_of_a_run_is_in_its_identity(cut, detector, tmp_path):
         (one,) = shown.pictures
         for named, changes in (
             ("model", {"model": other}),
-            ("camera", {"camera": replace(CAMERA, f_number=2.0)}),
+            ("camera", {"camera": CAMERA.with_figures(f_number=2.0)}),
             ("plan", {"plan": replace(CUTTING, seed=1)}),
             ("pictures", {"pictures": replace(shown, pictures=(replace(one, name="b.png"),))}),
             ("choice of targets", {"pictures": replace(shown, pictures=(replace(one, targets=None),))}),
@@ -135,7 +136,7 @@ def test_every_part_of_a_run_is_in_its_identity(cut, detector, tmp_path):
 @pytest.fixture(scope="module")
 def cut(tmp_path_factory, detector):
     run = tmp_path_factory.mktemp("cut") / "run"
-    evaluate(detector, labelled(), CAMERA, CUTTING, output=run, refine=False)
+    evaluate(detector, labelled(), CAMERA, CUTTING, output=run, strategy="grid")
     return run
 
 
@@ -145,7 +146,7 @@ def test_other_software_is_named(cut, detector, tmp_path, name):
     with Store(run, create=True) as store:
         store.set_about("manifest", {**store.about("manifest"), "versions": {**versions(), name: "0.0.7"}})
     with pytest.raises(StoreError, match=rf"another software\.{name} \(0\.0\.7 there, .* here\)"):
-        evaluate(detector, labelled(), CAMERA, CUTTING, output=run, refine=False)
+        evaluate(detector, labelled(), CAMERA, CUTTING, output=run, strategy="grid")
     with pytest.raises(StoreError, match=rf"differs from .* in software\.{name} \(.*0\.0\.7"):
         merge([cut, run], tmp_path / "merged")
 
@@ -160,7 +161,6 @@ NODES = SweepPlan({"gain_db": (6.0,)}, repeats=2, direction=(0.6, 0.8))
     [
         replace(PLAN, repeats=3, seed=7, grey_anchor="mean", examples=False, trajectory="shake:6"),
         replace(MOVED, auto_exposure=AutoExposure(target=0.3), objects=Objects(speeds={"stop sign": 0.5})),
-        replace(MOVED, objects=Objects(crossings={"stop sign": Crossing(30.0, width_m=0.9)})),
         replace(swept((0.01,), (50.0,), ego_speed_m_s=(20.0,)), ego=Vehicle(height_m=2.0)),
         NODES,
     ],
@@ -168,7 +168,8 @@ NODES = SweepPlan({"gain_db": (6.0,)}, repeats=2, direction=(0.6, 0.8))
 def test_a_plan_is_read_back(plan, detector, tmp_path):
     with Store(tmp_path, create=True) as store:
         open_run(store, [detector], CAMERA, TWO, plan, {})
-        assert (Run(store).plan, Run(store).camera) == (plan, CAMERA)
+        setup = Setup.read(store)
+        assert (setup.plan, setup.camera) == (plan, CAMERA)
 
 
 def test_what_is_missing_is_counted(detector, tmp_path):
@@ -177,14 +178,14 @@ def test_what_is_missing_is_counted(detector, tmp_path):
     for plan, n_pictures, expected in ((PLAN, len(TWO), 2 * (1 + 4 + 1)), (NODES, 1, 1 * (1 + 2 * 1))):
         with Store(tmp_path / str(n_pictures), create=True) as store:
             open_run(store, [detector], CAMERA, TWO, plan, {})
-            ask(store, Batch(n_pictures, (), (extra,)))
-            assert Run(store).missing_cells() == expected
+            note_batch(store, Batch(n_pictures, (), (extra,)))
+            assert Setup.read(store).missing_cells(store) == expected
             store.skip(TWO.pictures[0].name, "cannot be read")
-            assert Run(store).missing_cells() == expected // n_pictures * (n_pictures - 1)
+            assert Setup.read(store).missing_cells(store) == expected // n_pictures * (n_pictures - 1)
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(StoreError, match=r"holds no results.sqlite"), Run.open(tmp_path):
         pass
     with Store(tmp_path, create=True) as store, pytest.raises(StoreError, match="contains no sweep"):
-        Run(store)
+        Setup.read(store)

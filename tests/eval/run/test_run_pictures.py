@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.datasets import image_folder, read_picture, rendered_signs, write_picture
-from blurnoise_eval.explorer.run import Run
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import Store
 
 GRID = {
@@ -28,26 +28,21 @@ def swept(folder, pictures, grid=GRID, **more):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     signs = rendered_signs((50, 32), count=2)
-    return Run(swept(tmp_path_factory.mktemp("explored") / "run", signs, seed=3, grey_anchor="mean"))
-
-
-def rows(run):
-    with Store(run.folder) as store:
-        return list(store.cells())
+    return Run.open(swept(tmp_path_factory.mktemp("explored") / "run", signs, seed=3, grey_anchor="mean"))
 
 
 def frame(run, row):
     """The picture of a row's cell, computed anew."""
-    cell = run.cell(cell_id=str(row["cell_id"]))
-    return run.expose(run.scene(run.picture(cell.image)), cell).image
+    return run.simulate(row["cell_id"])
 
 
 def test_every_kept_picture_is_computed_anew(run):
-    kept = [row for row in rows(run) if row["example"]]
+    kept = [row for row in run.cells if row["example"]]
     assert len(kept) > 4
     for row in kept:
-        if not row["clean"]:
-            assert np.array_equal(frame(run, row), read_picture(run.folder / str(row["example"])))
+        assert np.array_equal(frame(run, row), read_picture(run.folder / row["example"]))
+    with pytest.raises(ValueError, match="cell_id = 'none': must be one of the run"):
+        run.simulate("none")
 
 
 def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path, monkeypatch):
@@ -56,23 +51,23 @@ def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path, monkeypatch):
     folder.mkdir()
     (picture,) = rendered_signs((50,), count=1).pictures
     write_picture(folder / "a.png", picture.load())
-    run = Run(
+    run = Run.open(
         swept(tmp_path / "run", image_folder(folder), {"exposure_s": (0.02,), "illuminance_lux": (5.0,)})
     )
-    row = next(row for row in rows(run) if row["example"] and not row["clean"])
-    kept = read_picture(run.folder / str(row["example"]))
+    row = next(row for row in run.cells if row["example"] and not row["clean"])
+    kept = read_picture(run.folder / row["example"])
     assert np.array_equal(frame(run, row), kept)
     monkeypatch.setenv("BLURNOISE_STATE", str(tmp_path / "another"))
     with pytest.raises(ValueError, match=r"is outside the folder of the run; --trust .* --images"):
-        frame(Run(run.folder), row)
-    assert np.array_equal(frame(Run(run.folder, trusted=True), row), kept)
+        frame(Run.open(run.folder), row)
+    assert np.array_equal(frame(Run.open(run.folder, trust=True), row), kept)
     moved = folder.rename(tmp_path / "moved")
     with pytest.raises(ValueError, match="pictures"):
-        frame(Run(run.folder, trusted=True), row)
-    assert np.array_equal(frame(Run(run.folder, moved), row), kept)
+        frame(Run.open(run.folder, trust=True), row)
+    assert np.array_equal(frame(Run.open(run.folder, images=moved), row), kept)
     write_picture(moved / "a.png", 255 - picture.load())
     with pytest.raises(ValueError, match="has changed since"):
-        frame(Run(run.folder, moved), row)
+        frame(Run.open(run.folder, images=moved), row)
 
 
 @pytest.mark.parametrize("what", ["folder", "coco", "model"])
@@ -101,7 +96,7 @@ def test_files_outside_a_foreign_run_are_not_opened(what, run, tmp_path, monkeyp
         monkeypatch.setattr(holder, name, recorded)
     for trusted, told in ((False, "--trust"), (True, str(pipe))):
         assert asked == []
-        found = Run(folder, trusted=trusted)
+        found = Run.open(folder, trust=trusted)
         with pytest.raises((ValueError, OSError), match=told):
-            found.model(run.models[0]) if what == "model" else found.picture(run.pictures[0])
+            found.model(run.models[0]["model"]) if what == "model" else found.picture(run.pictures[0])
     assert set(asked) <= {"stat"}

@@ -6,12 +6,14 @@ from functools import partial
 
 import numpy as np
 import pytest
-from blurnoise_eval import Evaluation, evaluate
+from blurnoise_eval import Run, evaluate
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import PictureSet, Target
 from blurnoise_eval.plan.axes import SETTING
 from blurnoise_eval.plan.question import Question
-from blurnoise_eval.run.met_conditions import met_conditions
+from blurnoise_eval.report.met_conditions import met_conditions
 from blurnoise_eval.run.score_tables import LEAST_AP50, dark_below, models_withheld, run_scores
+from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.store.store import Store
 from made_tables import table
 from plans import IMX250
@@ -38,7 +40,7 @@ def run(tmp_path_factory, detector):
 
 
 def test_on_pictures_of_ones_own_it_is_what_is_kept(run):
-    done = Evaluation(run)
+    done = Run.open(run)
     assert done.criterion.text == "keeps 0.9 of its confidence"
     targets = [row for row in done.targets if row["group"] == "a stop sign"]
     untouched = {row["image"]: row["confidence"] for row in targets if row["clean"]}
@@ -60,12 +62,12 @@ def test_on_pictures_of_ones_own_it_is_what_is_kept(run):
 
 
 def test_a_group_that_the_model_does_not_know_is_withheld_and_named(run):
-    summary = Evaluation(run).summary
+    summary = Run.open(run).summary()
     (withheld,) = summary["withheld"]
     assert (withheld["model"], withheld["group"], withheld["n_targets"]) == ("small", "a grey wall", 18)
     assert withheld["reference"] < 1
-    assert any("a grey wall" in warning for warning in Evaluation(run).data.manifest["warnings"])
-    by_level = Evaluation(run, Question(threshold=0.6)).answers
+    assert any("a grey wall" in warning for warning in Run.open(run).tables.manifest["warnings"])
+    by_level = Run.open(run, Question(threshold=0.6)).answers
     assert {answer["group"] for answer in by_level} == {"a stop sign", "a grey wall"}
 
 
@@ -90,7 +92,7 @@ def test_more_pictures_make_no_group_known(targets, clean, withheld):
 
 def test_ap_of_a_run_is_that_of_its_scores(run):
     """What is kept of AP50 is the quotient of two rows of scores.csv, on average over speeds, which are pooled."""
-    done = Evaluation(run, Question(score="ap50"))
+    done = Run.open(run, Question(score="ap50"))
     untouched, *exposed = done.scores
     every = [answer for answer in done.answers if answer["group"] == "all"]
     for exposure_s in {row["exposure_s"] for row in exposed}:
@@ -103,7 +105,7 @@ def test_ap_of_a_run_is_that_of_its_scores(run):
 def test_dark_is_half_of_what_auto_exposure_aims_at():
     """9 % is 0.332 by sRGB's own formula, 0.09 through a straight curve; to a level of 8 bits."""
     assert dark_below(IMX250) == pytest.approx(1.055 * 0.09 ** (1 / 2.4) - 0.055, abs=1 / 255)
-    assert dark_below(replace(IMX250, tone=((0.0, 0.0), (1.0, 1.0)))) == pytest.approx(0.09, abs=1 / 255)
+    assert dark_below(IMX250.with_figures(tone=((0.0, 0.0), (1.0, 1.0)))) == pytest.approx(0.09, abs=1 / 255)
 
 
 @pytest.mark.parametrize(
@@ -136,15 +138,16 @@ def test_doubtful_labels_are_asked_for_before_the_contract(note, question):
 
 def test_scores_are_computed_once_for_each_question(run):
 
-    def computed(by_size, cluster=None):
-        told = []
+    def computed(score, cluster=None):
+        done = []
         with Store(run) as store:
-            run_scores(store, cluster, told.append, by_size=by_size)
-        return sum(told)
+            run_scores(store, Setup.read(store), Criterion(0.5, True, score, cluster), done.append)
+        return sum(done)
 
-    computed(None)
-    assert [computed(by_size) > 0 for by_size in (None, "ap75", "ap75")] == [False, True, False]
-    assert computed("ap75", cluster=r"\.(png)") > 0
+    computed("target_confidence")
+    scores = ("detection_rate", "ap50", "ap50")
+    assert [computed(score) > 0 for score in scores] == [False, True, False]
+    assert computed("ap50", cluster=r"\.(png)") > 0
 
 
 # --- what a run leaves for training ---

@@ -1,19 +1,17 @@
 """Lines, lattices and nodes of the plane of exposures, the conditions of nodes, and whether the plane holds."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from blurnoise_eval.answers.plane import direction_of, same_places
 from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
-from blurnoise_eval.run.exposing import Scene, frames
+from blurnoise_eval.run.exposing import PictureScene, frames
 from blurnoise_eval.run.search_space import FLOOR, Line, SearchSpace, conditions_at, lattice, what_breaks
 from signs_in_memory import CAMERA as SMALL_CAMERA
 from signs_in_memory import picture, sign
 
 from blurnoise import Camera
-from blurnoise.optics.captures import Capture, staggered
+from blurnoise.camera.captures import Capture, staggered
 
 EXPOSURES_S = 0.001, 0.09
 LINES = tuple(Line(lux, (speed, 0.0)) for lux in (3.0, 50.0, 1000.0) for speed in (0.0, 40.0, 900.0))
@@ -75,13 +73,15 @@ def test_conditions_stand_at_their_place_and_near_a_line(lines):
 @pytest.mark.parametrize("captures", [(), staggered(4)])
 def test_equal_light_and_motion_are_equal_frames(captures):
     """Powers of two leave nothing to rounding, so every value is the same."""
-    scene, seed = Scene(sign()), cell_seed(0, picture("a").name, 0)
+    scene, seed = PictureScene(sign()), cell_seed(0, picture("a").name, 0)
     every = [
         Conditions(exposure_s=s, illuminance_lux=2 / s, velocity_x_px_s=5 / s, gain_db=6.0)
         for s in (2.0**-9, 2.0**-6, 2.0**-3)
     ]
     cells = [Cell("a", 0, conditions, seed) for conditions in every]
-    first, *others = (frame.image for frame in frames(scene, cells, replace(SMALL_CAMERA, captures=captures)))
+    first, *others = (
+        frame.image for frame in frames(scene, cells, SMALL_CAMERA.with_figures(captures=captures))
+    )
     assert all(np.array_equal(first, other) for other in others)
     assert first.std() > 1
 
@@ -107,9 +107,9 @@ def test_lamps_and_captures_that_break_the_plane():
     """Captures one after the other last in proportion to the first; one with a start of its own does not."""
     found = what_breaks(CAMERA, SearchSpace(ONE_WAY), pulsed=True)
     assert found == ["a longer exposure misses fewer pulses of the lamp"]
-    assert what_breaks(replace(CAMERA, captures=staggered(16)), SearchSpace(ONE_WAY)) == []
+    assert what_breaks(CAMERA.with_figures(captures=staggered(16)), SearchSpace(ONE_WAY)) == []
     two_gains = (Capture(gain_db=12.0), Capture(start_s=0.0))
-    assert what_breaks(replace(CAMERA, captures=two_gains), SearchSpace(ONE_WAY)) == []
+    assert what_breaks(CAMERA.with_figures(captures=two_gains), SearchSpace(ONE_WAY)) == []
     apart = (Capture(), Capture(exposure_ratio=16, start_s=0.05))
-    (reason,) = what_breaks(replace(CAMERA, captures=apart), SearchSpace(ONE_WAY))
+    (reason,) = what_breaks(CAMERA.with_figures(captures=apart), SearchSpace(ONE_WAY))
     assert "begins at a time of its own" in reason

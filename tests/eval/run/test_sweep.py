@@ -15,15 +15,15 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.plan.axes import NAMES
 from blurnoise_eval.plan.conditions import SweepPlan, cell_seed
-from blurnoise_eval.report.run import read_run
-from blurnoise_eval.run import computing as sweep
 from blurnoise_eval.run import identity
 from blurnoise_eval.run.coco_export import write_detections
+from blurnoise_eval.run.computing import compute
 from blurnoise_eval.run.engines import ThreadEngine
+from blurnoise_eval.run.setup import Setup
+from blurnoise_eval.run.tables import tables_of
 from blurnoise_eval.run.work import blocks, count_cells
-from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.store.columns import CONDITIONS
 from blurnoise_eval.store.store import Store
 from coco_oracle import target_confidence
 from plans import plan as swept
@@ -33,11 +33,11 @@ from signs_in_memory import BOX, CAMERA, PLAN, TWO, everything, noise, picture, 
 
 from blurnoise import simulate
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.scene import scene
+from blurnoise.scene import take as taking
 from blurnoise.sensor import readout as sensor
 
-EVERY_EFFECT = replace(
-    CAMERA, name="every effect", prnu=0.02, dsnu_e=3.0, dark_current_e_s=400.0, dark_reference_c=20.0,
+EVERY_EFFECT = CAMERA.with_figures(
+    name="every effect", prnu=0.02, dsnu_e=3.0, dark_current_e_s=400.0, dark_reference_c=20.0,
     read_noise_e=0.6,  # below 1 e- counts are drawn one by one
     dark_doubling_c=7.0, defocus_radius_px=1.2,
 )  # fmt: skip
@@ -59,37 +59,37 @@ def test_cell_is_what_simulate_and_the_detector_give(detector, tmp_path, monkeyp
 
     with Store(tmp_path, create=True) as store:
         with monkeypatch.context() as patch:
-            patch.setattr(scene, "digitised", watched)
-            sweep.run([detector], camera, picture_set(picture("p", lambda: image)), plan, store)
-        cells = [cell for cell in store.cells() if not cell["clean"]]
-        assert len(cells) == len(developed) == sum(bool(cell["example"]) for cell in cells) == 12
+            patch.setattr(taking, "digitised", watched)
+            compute([detector], camera, picture_set(picture("p", lambda: image)), plan, store)
+        cells = [cell for cell in store.cells() if not cell.conditions.original]
+        assert len(cells) == len(developed) == sum(bool(cell.example) for cell in cells) == 12
         batch = torch.from_numpy(image).permute(2, 0, 1)[None] / 255
         for cell in cells:
-            given = {name: cell[name] for name in ("exposure_s", "illuminance_lux", "temperature_c")}
-            velocity = cell["velocity_x_px_s"], cell["velocity_y_px_s"]
-            dn = simulate(batch, camera, **given, velocity_px_s=velocity, generator=[cell["seed"]])
+            at = cell.conditions
+            given = {name: at[name] for name in ("exposure_s", "illuminance_lux", "temperature_c")}
+            dn = simulate(batch, camera, **given, velocity_px_s=at.velocity_px_s, generator=[cell.seed])
             assert min(int((dn != each).sum()) for each in developed) == 0
             rgb = np.ascontiguousarray(develop_8bit(dn, camera)[0].permute(1, 2, 0).numpy())
-            direct, stored = detector.detect(rgb), store.detections(cell["cell_id"], cell["model"])
+            direct, stored = detector.detect(rgb), store.detections(cell.cell_id, cell.model)
             for name in ("boxes_xyxy", "scores", "class_ids"):
                 np.testing.assert_array_equal(getattr(stored, name), getattr(direct, name))
-            assert cell["target_confidence"] == target_confidence(direct, BOX, 0)
-            assert cell["blur_px"] == pytest.approx(cell["exposure_s"] * np.hypot(*velocity))
-            np.testing.assert_array_equal(cv2.imread(str(tmp_path / cell["example"]))[..., ::-1], rgb)
+            assert cell.target_confidence == target_confidence(direct, BOX, 0)
+            assert cell.blur_px == pytest.approx(at.exposure_s * np.hypot(*at.velocity_px_s))
+            np.testing.assert_array_equal(cv2.imread(str(tmp_path / cell.example))[..., ::-1], rgb)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_clean_row_is_the_detection_in_the_untouched_picture(detector, tmp_path, dtype):
     direct = detector.detect(sign())
     with Store(tmp_path, create=True) as store:
-        sweep.run([detector], CAMERA, picture_set(picture("p", partial(sign, dtype))), SMALL, store)
-        (clean,) = (cell for cell in store.cells() if cell["clean"])
-        found = store.detections(clean["cell_id"], clean["model"])
+        compute([detector], CAMERA, picture_set(picture("p", partial(sign, dtype))), SMALL, store)
+        (clean,) = (cell for cell in store.cells() if cell.conditions.original)
+        found = store.detections(clean.cell_id, clean.model)
     np.testing.assert_array_equal(found.scores, direct.scores)
     np.testing.assert_array_equal(found.boxes_xyxy, direct.boxes_xyxy)
-    assert clean["target_confidence"] == target_confidence(direct, BOX, 0) > 0.8
-    assert {clean[key] for key in (*NAMES, "blur_px")} == {None}
-    np.testing.assert_array_equal(cv2.imread(str(tmp_path / clean["example"]))[..., ::-1], sign())
+    assert clean.target_confidence == target_confidence(direct, BOX, 0) > 0.8
+    assert {*clean.conditions.numbers, clean.blur_px} == {None}
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / clean.example))[..., ::-1], sign())
 
 
 def test_rows_depend_neither_on_the_other_pictures_nor_on_their_order(detector, tmp_path):
@@ -111,8 +111,8 @@ def test_rows_depend_neither_on_the_other_pictures_nor_on_their_order(detector, 
 def run(folder, models, shown, plan=SMALL):
     with Store(folder, create=True) as store:
         identity.open_run(store, models, CAMERA, shown, plan, {"command": "c", "threads": 1})
-        sweep.run(models, CAMERA, shown, plan, store)
-        return read_run(store, Criterion(0.6, kept=False)), everything(store)[0]
+        compute(models, CAMERA, shown, plan, store)
+        return tables_of(store, Setup.read(store), Criterion(0.6, kept=False)), everything(store)[0]
 
 
 def test_examples_are_of_the_pictures_with_the_largest_targets():
@@ -186,7 +186,9 @@ def test_a_model_that_throws_on_a_picture_is_noted_and_the_others_go_on(
 def test_detections_are_results_that_pycocotools_judges_alike(detector, tmp_path, shown):
     data, cells = run(tmp_path, [detector], shown)
     with Store(tmp_path) as store:
-        assert write_detections(store, tmp_path / "coco") == [tmp_path / "coco" / "small.json"]
+        assert write_detections(store, Setup.read(store), tmp_path / "coco") == [
+            tmp_path / "coco" / "small.json"
+        ]
     found = json.loads((tmp_path / "coco" / "small.json").read_text())
     for row in data.scores:
         of = {each["cell_id"] for each in cells if all(each[name] == row[name] for name in CONDITIONS)}

@@ -7,8 +7,8 @@ import sys
 
 import pytest
 from blurnoise_eval.datasets import image_folder, write_picture
-from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.plan.question import Question
+from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.run.merging import merge
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import Store, StoreError
@@ -48,19 +48,19 @@ def test_a_signature_is_of_one_account_and_one_text(tmp_path, monkeypatch):
 
 def test_a_run_is_trusted_where_this_account_computed_it(parts, tmp_path, monkeypatch):
     """Elsewhere it opens no pictures and searches for no pattern, unless asked to."""
-    own = Evaluation(parts[0], progress=False)
-    name = next(iter(own.pictures.pictures))
-    assert own.pictures.picture(name).load().shape == sign().shape
+    own = Run.open(parts[0], progress=False)
+    name = own.pictures[0]
+    assert own.picture(name).load().shape == sign().shape
     merge(parts, tmp_path / "merged")
     monkeypatch.setenv("BLURNOISE_STATE", str(tmp_path / "another"))
     with pytest.raises(ValueError, match=r"cluster = .* is of a run that is not your own"):
-        Evaluation(parts[0], progress=False)
-    foreign = Evaluation(parts[0], Question(cluster="."), progress=False)
+        _ = Run.open(parts[0], progress=False).answers
+    foreign = Run.open(parts[0], Question(cluster="."), progress=False)
     with pytest.raises(ValueError, match="is outside the folder of the run; --trust"):
-        foreign.pictures.picture(name)
-    trusted = Evaluation(parts[0], trust=True, progress=False)
+        foreign.picture(name)
+    trusted = Run.open(parts[0], trust=True, progress=False)
     assert trusted.criterion == own.criterion
-    assert trusted.pictures.picture(name).load().shape == sign().shape
+    assert trusted.picture(name).load().shape == sign().shape
     merge(parts, tmp_path / "of others")
     for folder in (tmp_path / "merged", tmp_path / "of others"):
         with Run.open(folder) as run:
@@ -80,7 +80,7 @@ def test_scores_are_kept_in_runs_of_ones_own_alone(parts, tmp_path, monkeypatch)
         monkeypatch.setenv("BLURNOISE_STATE", account)
         folder = shutil.copytree(parts[0], tmp_path / str(kept))
         before = (folder / "results.sqlite").read_bytes()
-        _ = Evaluation(folder, Question(cluster="."), progress=False).data
+        _ = Run.open(folder, Question(cluster="."), progress=False).tables
         assert (before != (folder / "results.sqlite").read_bytes()) is kept
 
 
@@ -93,11 +93,11 @@ def test_a_run_on_a_disk_that_is_read_only(parts, tmp_path, monkeypatch):
     )
     subprocess.run([sys.executable, "-c", code, str(folder)], check=True)
     with Run.open(folder) as run:  # where it can be written what was killed is read, too
-        assert run.wall_s == 7.0
+        assert run.setup.wall_s == 7.0
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with pytest.raises(StoreError, match="its folder is read-only; copy the folder"), Run.open(folder):
         pass
     before = sorted(parts[0].iterdir())
     with Run.open(parts[0]) as run:
-        assert run.wall_s > 0
+        assert run.setup.wall_s > 0
     assert sorted(parts[0].iterdir()) == before

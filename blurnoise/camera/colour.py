@@ -1,0 +1,209 @@
+"""Colour: filters before the pixels, the colour matrix, tone curves, and sRGB (IEC 61966-2-1).
+
+Convention: a pattern names its filters in reading order, the first row's two and then the second row's: R red, G
+green, B blue, C clear. Colours are linear, (red, green, blue), 1 is white. Tone curves lead from linear light to
+coded values, both in [0, 1]: "srgb"; "filmic", 3 v^2 - 2 v^3 of the sRGB value v (Brooks et al., Unprocessing Images
+for Learned Raw Denoising, CVPR 2019); or one's own points (light, value), with straight lines between them. A
+picture's own curve, which is taken out before it is exposed, may also be "linear".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+import torch
+from annotated_types import Ge, Le, Len
+from torch import Tensor
+
+from blurnoise._core.checks import one_of, shown
+from blurnoise._core.threads import in_pieces, plain
+from blurnoise.camera.spectra import Curve, Floats, Spectrum, check_shares, cut_short
+
+Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
+Row = tuple[float, float, float]
+Matrix = tuple[Row, Row, Row]
+Points = Annotated[tuple[tuple[float, float], ...], Len(2)]
+ToneCurve = Literal["srgb", "filmic"] | Points
+PictureTone = Literal["linear"] | ToneCurve
+_Gain = Annotated[float, Ge(0.01), Le(100)]
+WhiteBalance = Literal["auto"] | tuple[_Gain, _Gain, _Gain]
+PLANES = ("none", "mono")
+"""Without a mosaic: a sensor for each colour, or one plane of light."""
+_CURVES = {"R": "red", "G": "green", "B": "blue", "C": "clear"}
+_ROW_TOLERANCE = 0.002  # what three figures of three decimals leave
+_LARGEST_INVERSE = 100.0
+
+
+@dataclass(frozen=True)
+class FilterCurves:
+    """Electrons per photon behind each colour filter, IR-cut included: a number over 400-700 nm or a curve.
+
+    A pattern needs those of its own filters. Raises ``TypeError`` or ``ValueError`` naming the filter.
+    """
+
+    red: Spectrum | None = None
+    green: Spectrum | None = None
+    blue: Spectrum | None = None
+    clear: Spectrum | None = None
+
+    def __post_init__(self) -> None:
+        for name, curve in self.stated():
+            check_shares(name, curve)
+
+    def stated(self) -> Iterator[tuple[str, Spectrum]]:
+        """Names and curves of the filters that are given."""
+        for name in _CURVES.values():
+            if (curve := getattr(self, name)) is not None:
+                yield name, curve
+
+    def of(self, letter: str) -> Spectrum:
+        """The curve behind the filter with this letter of a pattern."""
+        curve: Spectrum = getattr(self, _CURVES[letter])
+        return curve
+
+
+def marked(curves: Spectrum | FilterCurves) -> str:
+    """Note on curves that are cut short (:func:`.spectra.cut_short`), with the filter's name; "" if none is."""
+    each = curves.stated() if isinstance(curves, FilterCurves) else [("", curves)]
+    marks = [(name, cut_short(curve)) for name, curve in each if isinstance(curve, Curve)]
+    return "; ".join(f"{name} {mark}".strip() for name, mark in marks if mark)
+
+
+def check_filters(cfa: str, curves: Spectrum | FilterCurves) -> None:
+    """Raise ``TypeError`` or ``ValueError`` unless each filter of the mosaic has a quantum efficiency."""
+    stated = dict(curves.stated()) if isinstance(curves, FilterCurves) else {}
+    if not isinstance(curves, FilterCurves):
+        check_shares("quantum_efficiency", curves)
+    elif cfa in PLANES:
+        raise ValueError(f"quantum_efficiency: states filters; cfa = {cfa!r} has none and needs one curve")
+    needed = [] if cfa in PLANES else [_CURVES[letter] for letter in dict.fromkeys(cfa)]
+    if missing := ", ".join(name for name in needed if name not in stated):
+        must = f"needs {', '.join(needed)} of its own"
+        raise ValueError(f"quantum_efficiency: cfa = {cfa!r} {must}; missing {missing}")
+
+
+def check_balance(cfa: str, white_balance: WhiteBalance, ccm: Matrix | None) -> None:
+    """Raise ``ValueError`` where the mosaic has no colours to balance or to correct, or the matrix is unusable."""
+    if white_balance != "auto" and cfa in PLANES:
+        raise ValueError(f"white_balance: cfa = {cfa!r} has no colours to balance; must be 'auto'")
+    if ccm is not None:
+        _check_matrix(ccm, cfa)
+
+
+def _check_matrix(ccm: Matrix, cfa: str) -> None:
+    rows = np.array(ccm)
+    for place, total in enumerate(rows.sum(1), start=1):
+        if abs(total - 1) > _ROW_TOLERANCE:
+            must = "each must sum to 1, so that white stays white"
+            raise ValueError(f"ccm: row {place} sums to {total:g}; {must}")
+    if cfa in (*PLANES, "RCCC"):
+        raise ValueError(f"ccm: cfa = {cfa!r} has no colours of its own to correct; must be None")
+    if abs(np.linalg.det(rows)) < 1e-6 or np.abs(np.linalg.inv(rows)).max() > _LARGEST_INVERSE:
+        raise ValueError(f"ccm = {shown(ccm)}: must have an inverse")
+
+
+def picture_tone(value: object, name: str = "encoding") -> PictureTone:
+    """``value`` as a picture's tone curve, its points as tuples. Raises ``TypeError`` or ``ValueError``."""
+    if isinstance(value, str):
+        return cast(PictureTone, one_of(name, value, ("srgb", "linear", "filmic")))
+    try:
+        points = tuple((float(light), float(coded)) for light, coded in cast(Any, value))
+    except (TypeError, ValueError):
+        must = "must be 'srgb', 'linear', 'filmic' or points (light, value)"
+        raise TypeError(f"{name} = {shown(value)}: {must}") from None
+    check_points(name, points)
+    return points
+
+
+def check_points(name: str, points: Points) -> None:
+    """Raise ``ValueError`` unless the points (light, value) are a tone curve."""
+    light, values = np.array(points, float).reshape(-1, 2).T
+    if len(light) < 2:
+        raise ValueError(f"{name} = {shown(points)}: must be at least two points")
+    inside = (values >= 0).all() and (values <= 1).all() and light[0] == 0 and light[-1] == 1
+    if not (inside and (np.diff(light) > 0).all() and (np.diff(values) >= 0).all()):
+        must = "light must increase from 0 to 1, values lie in [0, 1] and never fall"
+        raise ValueError(f"{name} = {shown(points)}: {must}")
+
+
+@lru_cache(maxsize=64)
+def normalised(matrix: Matrix | None) -> Matrix:
+    """The matrix with rows that sum to 1 but for the last digit; None: the identity."""
+    return as_rows(np.eye(3) if matrix is None else [row / row.sum() for row in np.array(matrix)])
+
+
+@lru_cache(maxsize=64)
+def inverse(matrix: Matrix | None) -> Matrix:
+    """Linear sRGB to camera colours."""
+    return as_rows(np.linalg.inv(np.array(normalised(matrix))))
+
+
+def as_rows(rows: Iterable[Floats]) -> Matrix:
+    """Plain numbers of NumPy's rows: hashable."""
+    return cast(Matrix, tuple(tuple(row.tolist()) for row in rows))
+
+
+def toned(light: Tensor, curve: ToneCurve) -> Tensor:
+    """``light``, any shape, clamped to [0, 1] and coded; differentiable."""
+    if isinstance(curve, str):
+        value = srgb_from_linear(light)
+        return value if curve == "srgb" else value * value * (3 - 2 * value)
+    at, values = light.new_tensor(curve).unbind(-1)
+    light = light.clamp(0.0, 1.0)
+    last = torch.searchsorted(at[1:-1].contiguous(), light.detach().contiguous(), right=True)
+    slope = values.diff() / at.diff()
+    return values[last] + slope[last] * (light - at[last])
+
+
+def untoned(coded: Tensor, curve: PictureTone) -> Tensor:
+    """The light of coded values, any shape, in [0, 1]: the inverse of :func:`toned`; differentiable.
+
+    Where a curve's points are level, it is the least light of that value.
+    """
+    if curve == "linear":
+        return coded.clamp(0.0, 1.0)
+    if isinstance(curve, str):
+        if curve == "filmic":  # the root of 3 v^2 - 2 v^3 in [0, 1]
+            coded = 0.5 - torch.sin(torch.asin((1 - 2 * coded).clamp(-1.0, 1.0)) / 3)
+        return linear_from_srgb(coded)
+    at, values = coded.new_tensor(curve).unbind(-1)
+    coded = coded.clamp(float(values[0]), float(values[-1]))
+    last = torch.searchsorted(values[1:-1].contiguous(), coded.detach().contiguous())
+    rise = values.diff()
+    slope = torch.where(rise > 0, at.diff() / rise.clamp_min(1e-12), 0.0)
+    return at[last] + slope[last] * (coded - values[last])
+
+
+Encoding = Literal["srgb", "linear"]
+
+
+def linear_from_srgb(coded: Tensor) -> Tensor:
+    """Linear light of sRGB-coded values, any shape; values outside [0, 1] are clamped."""
+    # torch's power rounds by a number's place in memory; exponential and logarithm do not, and take half the time.
+    if not plain(coded):
+        coded = coded.clamp(0.0, 1.0)
+        power = torch.exp(2.4 * torch.log((coded + 0.055) / 1.055))
+        return torch.where(coded <= 0.04045, coded / 12.92, power)
+    flat = coded.detach().reshape(-1).numpy()
+    light = np.empty_like(flat)
+
+    def decode(piece: slice) -> None:  # NumPy wakes no threads of its own
+        clamped, power = np.clip(flat[piece], 0.0, 1.0), light[piece]
+        np.divide(np.add(clamped, 0.055, out=power), 1.055, out=power)
+        np.exp(np.multiply(np.log(power, out=power), 2.4, out=power), out=power)
+        np.copyto(power, clamped / 12.92, where=clamped <= 0.04045)
+
+    in_pieces(decode, len(flat), torch.get_num_threads())
+    return torch.from_numpy(light).view(coded.shape)
+
+
+def srgb_from_linear(linear: Tensor) -> Tensor:
+    """sRGB-coded values of linear light, any shape; values outside [0, 1] are clamped."""
+    linear = linear.clamp(0.0, 1.0)
+    # Not torch's power, as above; the inner clamp keeps the unused branch's gradient finite at 0.
+    power = torch.exp(torch.log(linear.clamp_min(1e-4)) / 2.4)
+    return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * power - 0.055)

@@ -1,0 +1,365 @@
+"""The lens over its field: defocus, colour, light and places that change from a picture's centre to its corner.
+
+Field height 1 is the corner of the sensor, half its diagonal from the centre; angles are those of a pinhole camera of
+the same focal length. x right, y down, px, (0, 0) the centre of the first pixel. A picture of another size is the
+sensor's largest part of its shape, about its centre. NumPy, float64.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Le
+
+from blurnoise._core.checks import Figure, check_fields, shown, within
+from blurnoise.camera.spectra import Floats, check_samples
+from blurnoise.camera.transfer import Mtf
+
+_COUNTS = {"opencv": (4, 5, 8), "fisheye": (4,)}
+_KNOTS = 1 << 14
+_STEEPEST_RAD = np.pi / 2 - 1e-3  # a picture of a pinhole camera holds no more
+_STEP = 1e-5
+_FIGURES = "must map figures to values"
+_Share = Annotated[Figure, Ge(0), Le(1)]
+
+
+@dataclass(frozen=True)
+class RelativeIllumination:
+    """Light over the field, 0 to 1 of the brightest, at field heights, linear between, held beyond them.
+
+    heights: increasing; unit: "relative", 1 at the sensor's corner, or "mm" on the sensor.
+    """
+
+    heights: tuple[float, ...]
+    values: tuple[_Share, ...]
+    unit: Literal["relative", "mm"] = "relative"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_samples("heights", self.heights, self.values)
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """Distortion by OpenCV's models: where a lens images the directions of a pinhole camera, and back.
+
+    Directions are (x, y) = (X/Z, Y/Z), arrays (2, ...); times the focal length they are px from the centre. "opencv":
+    k1, k2, p1, p2[, k3[, k4, k5, k6]] as ``cv2.projectPoints`` takes them; "fisheye": k1 to k4 as
+    ``cv2.fisheye.distortPoints`` does (Kannala & Brandt 2006).
+
+    focal_px: (fx, fy) of the calibration, in px of the sensor, or () for the rectilinear lens of the camera's
+    hfov_deg. centre_px: (cx, cy), or () for the centre of the sensor, ((width - 1) / 2, (height - 1) / 2).
+    """
+
+    model: Literal["opencv", "fisheye"]
+    coefficients: tuple[Annotated[Figure, within("coefficient")], ...]
+    focal_px: tuple[Annotated[Figure, within("focal_px")], ...] = ()
+    centre_px: tuple[Annotated[Figure, within("centre_px")], ...] = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        counts = {"coefficients": _COUNTS[self.model], "focal_px": (0, 2), "centre_px": (0, 2)}
+        for name, allowed in counts.items():
+            if len(values := getattr(self, name)) not in allowed:
+                must = " or ".join(map(str, allowed))
+                raise ValueError(f"{name} = {shown(values)}: must be {must} numbers, got {len(values)}")
+
+    @property
+    def displaces(self) -> bool:
+        """Whether a direction is imaged elsewhere than by a pinhole."""
+        return self.model == "fisheye" or any(self.coefficients)
+
+    def distorted(self, seen: Floats) -> Floats:
+        """Image of directions through the lens."""
+        x, y = seen
+        squared = x * x + y * y
+        if self.model == "fisheye":
+            r = np.sqrt(squared)
+            ratio = np.where(r > 1e-8, self._fisheye(np.arctan(r)) / np.maximum(r, 1e-8), 1.0)
+            return np.asarray(seen * ratio)
+        p1, p2 = self.coefficients[2:4]
+        ratio, cross = self._rational(squared), 2 * x * y
+        along = x * ratio + p1 * cross + p2 * (squared + 2 * x * x)
+        return np.stack([along, y * ratio + p1 * (squared + 2 * y * y) + p2 * cross])
+
+    def undistorted(self, image: Floats) -> Floats:
+        """The directions that the lens images there: from the radial part, then by Newton's method.
+
+        Raises ``ValueError`` where there is none before the model folds back, or beyond 89.9 degrees from the axis.
+        """
+        wanted = np.hypot(*image)
+        r, reached = _branch(self)
+        slack = 0.0
+        if self.model == "opencv":
+            slack = 3 * (abs(self.coefficients[2]) + abs(self.coefficients[3])) * min(float(r[-1]), 10.0) ** 2
+        if float(wanted.max(initial=0.0)) > reached[-1] + slack:
+            ends = f"{reached[-1]:.4g} focal lengths from the centre, where it folds or ends"
+            raise ValueError(f"images nothing beyond {ends}; the picture reaches {wanted.max():.4g}")
+        found = image * np.where(wanted > 1e-6, np.interp(wanted, reached, r) / np.maximum(wanted, 1e-6), 1.0)
+        for _ in range(3 if slack else 1):
+            off_x, off_y = image - self.distorted(found)
+            (ux, uy), (vx, vy) = self._slopes(found, _STEP, 0.0), self._slopes(found, 0.0, _STEP)
+            area = ux * vy - vx * uy
+            area = np.where(np.abs(area) > 1e-9, area, np.inf)
+            found = found + np.stack([off_x * vy - off_y * vx, off_y * ux - off_x * uy]) / area
+        miss = float(np.hypot(*(self.distorted(found) - image)).max(initial=0.0))
+        if not miss < 1e-6:  # NaN included
+            raise ValueError(f"cannot be inverted over the picture; misses by {miss:.2g} focal lengths")
+        return found
+
+    def before_fold(self, seen: Floats) -> Floats:
+        """Directions, those beyond where the model folds back drawn in to there."""
+        r, last = np.hypot(*seen), float(_branch(self)[0][-1])
+        return np.asarray(seen * np.where(r > last, last / np.maximum(r, 1e-12), 1.0))
+
+    def _slopes(self, seen: Floats, dx: float, dy: float) -> Floats:
+        step = _column((dx, dy), seen)
+        return (self.distorted(seen + step) - self.distorted(seen - step)) / (2 * _STEP)
+
+    def _fisheye(self, angle: Floats) -> Floats:
+        t, (k1, k2, k3, k4) = angle * angle, self.coefficients
+        return angle * (1 + t * (k1 + t * (k2 + t * (k3 + t * k4))))
+
+    def _rational(self, squared: Floats) -> Floats:
+        k1, k2, _, _, k3, k4, k5, k6 = (*self.coefficients, *[0.0] * (8 - len(self.coefficients)))
+        above = 1 + squared * (k1 + squared * (k2 + squared * k3))
+        return above / (1 + squared * (k4 + squared * (k5 + squared * k6)))
+
+
+@lru_cache(maxsize=16)
+def _branch(lens: Distortion) -> tuple[Floats, Floats]:
+    """Radii from 0 to where the radial part stops growing, and where the lens images them."""
+    angle = np.linspace(0.0, _STEEPEST_RAD, _KNOTS)
+    r = np.tan(angle)
+    with np.errstate(all="ignore"):
+        reached = lens._fisheye(angle) if lens.model == "fisheye" else r * lens._rational(r * r)
+    grows = np.isfinite(reached[1:]) & (np.diff(reached) > 0)
+    last = len(r) if grows.all() else int(np.argmin(grows)) + 1
+    return r[:last], reached[:last]
+
+
+def _column(values: Sequence[float], points: Floats) -> Floats:
+    """Two numbers as points (2, ...) take them."""
+    return np.reshape(values, (2, *[1] * (points.ndim - 1)))
+
+
+@dataclass(frozen=True)
+class Lens:
+    """The lens of a camera; figures of 0 or None leave their effect out.
+
+    f_number: working.
+    transmission: of lens and atmosphere, 0-1.
+    defocus_radius_px: of the disc to which a point spreads.
+    defocus_counts_pixel: blur by the disc's areas in the pixels, which counts the pixel's own aperture twice; for
+        comparisons only.
+    diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number.
+    hfov_deg: horizontal field of view of a pinhole camera of the same focal length.
+    field_curvature_px: added to defocus_radius_px times the square of the field height, either sign; the radius is
+        what remains without its sign.
+    lateral_red, lateral_blue: by which share the picture of these colours is larger than green's.
+    falloff_power: of the field angle's cosine, natural vignetting (the law's is 4); or relative_illumination,
+        measured.
+    distortion: measured, by a model of OpenCV.
+    mtf: measured, in place of disc and diffraction.
+
+    Raises ``TypeError`` or ``ValueError`` naming the figure.
+    """
+
+    f_number: Annotated[Figure, within("f_number")]
+    transmission: Annotated[Figure, Ge(0), Le(1)]
+    defocus_radius_px: Annotated[Figure, within("defocus_radius_px")] = 0.0
+    defocus_counts_pixel: bool = False
+    diffraction_wavelength_um: Annotated[Figure, within("diffraction_wavelength_um")] = 0.0
+    hfov_deg: Annotated[Figure, within("hfov_deg")] = 60.0
+    field_curvature_px: Annotated[Figure, within("field_curvature_px")] = 0.0
+    lateral_red: Annotated[Figure, within("lateral_red")] = 0.0
+    lateral_blue: Annotated[Figure, within("lateral_blue")] = 0.0
+    falloff_power: Annotated[Figure, within("falloff_power")] = 0.0
+    relative_illumination: Annotated[RelativeIllumination | None, _FIGURES] = None
+    distortion: Annotated[Distortion | None, _FIGURES] = None
+    mtf: Annotated[Mtf | None, _FIGURES] = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        shape, fault = self.distortion, ""
+        pinhole = self.falloff_power or (shape and shape.displaces and not shape.focal_px)
+        if self.falloff_power and self.relative_illumination:
+            must = "must be 0 beside relative_illumination, which holds it"
+            fault = f"falloff_power = {self.falloff_power:g}: {must}"
+        elif self.mtf and (self.defocus_radius_px or self.diffraction_wavelength_um):
+            must = "defocus_radius_px and diffraction_wavelength_um must be 0 beside it"
+            fault = f"lens.mtf: is measured with defocus and diffraction, at its own f-number; {must}"
+        elif self.field_curvature_px and self.defocus_counts_pixel:
+            fault = "lens.field_curvature_px: must be 0 where defocus_counts_pixel is true"
+        elif self.hfov_deg >= 180 and pinhole:
+            must = "must be < 180 for the field angles of lens.falloff_power and lens.distortion"
+            fault = f"hfov_deg = {self.hfov_deg:g}: {must}, or lens.distortion states its focal_px"
+        if fault:
+            raise ValueError(fault)
+
+    @property
+    def displaces(self) -> bool:
+        """Whether it displaces objects in the picture; lateral colour does not count."""
+        return self.distortion is not None and self.distortion.displaces
+
+
+Size = tuple[int, int]  # of a picture, (H, W)
+_COARSE = 33  # points along an axis on which a smooth field is looked at
+_AROUND = 64  # points of an ellipse
+
+
+@dataclass(frozen=True)
+class Field:
+    """The field of a lens on a sensor of width_px by height_px, whose pinhole camera sees hfov_deg across.
+
+    It has the figures of :class:`Lens` that change over the field, and no others: fields are keys of caches, which
+    the f-number and the focus leave valid. Points of pictures (H, W) are arrays (2, ...) of x and y, px.
+    """
+
+    width_px: int
+    height_px: int
+    hfov_deg: float
+    pixel_pitch_um: float = 1.0
+    field_curvature_px: float = 0.0
+    lateral_red: float = 0.0
+    lateral_blue: float = 0.0
+    falloff_power: float = 0.0
+    relative_illumination: RelativeIllumination | None = None
+    distortion: Distortion | None = None
+
+    @property
+    def size(self) -> Size:
+        """Height and width of the sensor, px."""
+        return self.height_px, self.width_px
+
+    @property
+    def corner_px(self) -> float:
+        """Distance from the sensor's centre to its corner, px."""
+        return math.hypot(self.width_px, self.height_px) / 2
+
+    @property
+    def focal_px(self) -> tuple[float, float]:
+        """Focal lengths (x, y), px of the sensor."""
+        if self.distortion and self.distortion.focal_px:
+            return self.distortion.focal_px[0], self.distortion.focal_px[1]
+        focal = self.width_px / 2 / math.tan(math.radians(self.hfov_deg) / 2)
+        return focal, focal
+
+    def per_sensor_px(self, size: Size) -> float:
+        """Pixels of a picture per pixel of the sensor."""
+        return max(size[0] / self.height_px, size[1] / self.width_px)
+
+    def heights(self, size: Size) -> Floats:
+        """Relative field heights (H, W): 0 on the axis, 1 at the corner of the sensor about its centre."""
+        points = pixels(size)
+        away = np.hypot(*(points - self._axis_px(points, size)))
+        return np.asarray(away / (self.corner_px * self.per_sensor_px(size)))
+
+    def directions(self, points: Floats, size: Size) -> Floats:
+        """The directions (X/Z, Y/Z) that points of a picture see."""
+        seen, shape = self._pinhole_directions(points, size), self.distortion
+        return shape.undistorted(seen) if shape and shape.displaces else seen
+
+    def imaged(self, seen: Floats, size: Size) -> Floats:
+        """Points at which the lens images directions."""
+        if self.distortion:
+            seen = self.distortion.distorted(self.distortion.before_fold(seen))
+        return self._pinhole_points(seen, size)
+
+    def moved(self, points: Floats, size: Size) -> Floats:
+        """Points of the pinhole's picture after the lens."""
+        return self.imaged(self._pinhole_directions(points, size), size) if self.distortion else points
+
+    def seen(self, points: Floats, size: Size) -> Floats:
+        """Points of the pinhole's picture that points of the picture see, the inverse of :meth:`moved`."""
+        return self._pinhole_points(self.directions(points, size), size)
+
+    def moved_boxes(self, boxes_xyxy: Floats, size: Size) -> Floats:
+        """Boxes (N, 4) of the scene, between the pixels' edges, as the lens images them."""
+        # Of the ellipses inscribed in them: objects seldom fill the corners, which move most.
+        turn = np.arange(_AROUND) * (2 * np.pi / _AROUND)
+        low, high = boxes_xyxy.T[:2, :, None] - 0.5, boxes_xyxy.T[2:, :, None] - 0.5
+        ellipses = (low + high) / 2 + (high - low) / 2 * np.stack([np.cos(turn), np.sin(turn)])[:, None]
+        seen = self.moved(ellipses, size)
+        return np.asarray(0.5 + np.concatenate([seen.min(-1), seen.max(-1)]).T)
+
+    def _axis_px(self, points: Floats, size: Size) -> Floats:
+        """The optical axis in a picture."""
+        centre = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
+        own = (self.distortion.centre_px if self.distortion else ()) or centre
+        off = [x - half for x, half in zip(own, centre, strict=True)]
+        scale = self.per_sensor_px(size)
+        return _column(((size[1] - 1) / 2 + off[0] * scale, (size[0] - 1) / 2 + off[1] * scale), points)
+
+    def _pinhole_directions(self, points: Floats, size: Size) -> Floats:
+        focal = _column(self.focal_px, points) * self.per_sensor_px(size)
+        return np.asarray((points - self._axis_px(points, size)) / focal)
+
+    def _pinhole_points(self, seen: Floats, size: Size) -> Floats:
+        moved = seen * _column(self.focal_px, seen) * self.per_sensor_px(size)
+        return np.asarray(self._axis_px(seen, size) + moved)
+
+
+@lru_cache(maxsize=256)
+def farthest_px(field: Field) -> float:
+    """The largest displacement by distortion on the sensor. Raises ``ValueError`` unless it is one to one there."""
+    (height, width), share = field.size, np.linspace(0.0, 1.0, _COARSE)
+    points = np.stack(np.meshgrid(share * width - 0.5, share * height - 0.5))
+    try:
+        seen = field.seen(points, field.size)
+    except ValueError as error:
+        raise ValueError(f"lens.distortion: {error}") from None
+    return float(np.hypot(*(seen - points)).max())
+
+
+@lru_cache(maxsize=8)
+def light(field: Field, size: Size) -> Floats:
+    """Relative illumination (H, W) of a picture: the cosine's power, or the measured curve."""
+    curve = field.relative_illumination
+    if curve is not None:
+        per_unit = 1.0 if curve.unit == "relative" else 1 / (field.corner_px * field.pixel_pitch_um / 1e3)
+        return np.interp(field.heights(size), np.multiply(curve.heights, per_unit), curve.values)
+    x, y = field.directions(pixels(size), size)
+    return np.asarray((1 + x * x + y * y) ** (-field.falloff_power / 2))
+
+
+@lru_cache(maxsize=256)
+def least_light(field: Field) -> float:
+    """The least relative illumination in a picture of the sensor's size."""
+    height, width = field.size
+    step = max(1, min(height, width) // 256)
+    return float(light(field, (max(1, height // step), max(1, width // step))).min())
+
+
+@lru_cache(maxsize=2)
+def sources(field: Field, size: Size) -> Floats:
+    """Points (2, H, W) of the pinhole's picture that the pixels see."""
+    return field.seen(pixels(size), size)
+
+
+@lru_cache(maxsize=2)
+def inside(field: Field, size: Size) -> Floats | None:
+    """Share (H, W) of each pixel that sees the pinhole's picture; None where every pixel sees it entirely."""
+    x, y = sources(field, size)
+    shares = np.ones(size)
+    for places, length in ((x, size[1]), (y, size[0])):
+        shares *= np.clip(np.minimum(places + 1, length - places), 0, 1)
+    return None if (shares == 1).all() else shares
+
+
+@lru_cache(maxsize=4)
+def larger(field: Field, share: float, size: Size) -> Floats:
+    """Points (2, H, W) of the picture that the pixels of one larger by ``share`` show."""
+    points = pixels(size)
+    axis = field._axis_px(points, size)
+    return np.asarray(axis + (points - axis) / (1 + share))
+
+
+def pixels(size: Size) -> Floats:
+    """The pixels' centres (2, H, W)."""
+    return np.stack(np.meshgrid(np.arange(float(size[1])), np.arange(float(size[0]))))

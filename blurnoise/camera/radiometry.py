@@ -1,0 +1,162 @@
+"""Radiometry: light on the scene to mean electrons in a pixel, and to the light behind a colour filter array.
+
+Domain: lux, seconds, degC in; mean electrons per pixel out. Lin et al., Sensors 2024, 24, 5135, eq. 9-13; EMVA 1288.
+Pictures of linear light, 1 is white; on a mosaic's one plane 1 is white behind the strongest filter. Linear sRGB
+becomes camera colours by the inverse of the colour matrix; negative ones, outside the camera's gamut, are no light.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import lru_cache, reduce
+from operator import add
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from blurnoise._core.checks import an_instance, limited
+from blurnoise._core.threads import plain
+from blurnoise.camera import colour
+from blurnoise.camera.camera import Camera
+from blurnoise.camera.colour import FilterCurves, Row
+from blurnoise.camera.spectra import Curve, check_illuminant, photons_per_lux_s_um2
+
+BANDS_NM = ((580.0, 700.0), (490.0, 580.0), (400.0, 490.0))  # red, green and blue of a picture
+_LEAST_GREEN = 0.05
+Number = TypeVar("Number", float, Tensor)
+_MOST_DOUBLINGS, _MOST_E = 100.0, 1e15  # single precision holds their products
+
+
+def photoelectrons(
+    camera: Camera, illuminance_lux: float, exposure_s: float, illuminant: str | Curve = "D55"
+) -> float:
+    """Mean photo-electrons per pixel of a white (reflectance 1) surface; behind the strongest filter of a mosaic.
+
+    E T p^2 tau / (4 N^2) * integral W Q lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al., Sensors
+    2024, 24, 5135, eq. 9-13, without the rounding of h. illuminance_lux and exposure_s >= 0; illuminant: a name or
+    a curve (see :func:`blurnoise.camera.spectra.illuminant`). Raises ``TypeError`` or ``ValueError`` naming the
+    argument.
+    """
+    an_instance("camera", camera, Camera)
+    lux, exposure = limited("illuminance_lux", illuminance_lux), limited("exposure_s", exposure_s)
+    check_illuminant(illuminant)
+    return lux * exposure * electrons_per_lux_s(camera, illuminant)
+
+
+@lru_cache(maxsize=64)
+def electrons_per_lux_s(camera: Camera, illuminant: str | Curve = "D55") -> float:
+    """Electrons per pixel for one lux second on a white surface; see :func:`photoelectrons`."""
+    return max(filter_electrons(camera, illuminant).values())
+
+
+@lru_cache(maxsize=64)
+def filter_electrons(camera: Camera, illuminant: str | Curve = "D55") -> Mapping[str, float]:
+    """Electrons per pixel for one lux second on a white surface, by the filter's letter; "" without a mosaic."""
+    on_sensor_um2 = camera.sensor.pixel_pitch_um**2 * camera.lens.transmission / (4 * camera.lens.f_number**2)
+    curves = camera.sensor.quantum_efficiency
+    each = {"": curves}
+    if isinstance(curves, FilterCurves):
+        each = {letter: curves.of(letter) for letter in camera.sensor.cfa}
+    photons = {letter: photons_per_lux_s_um2(illuminant, (curve,)) for letter, curve in each.items()}
+    return MappingProxyType({letter: on_sensor_um2 * each for letter, each in photons.items()})
+
+
+@lru_cache(maxsize=64)
+def colour_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, float, float]:
+    """Shares of red, green and blue in the electrons that white light makes without a colour filter.
+
+    A colour picture is three bands of the spectrum, ``BANDS_NM``, that add up to white (an assumption: boxes, as in
+    Smits, An RGB-to-spectrum conversion for reflectances, 1999); what each makes follows from light and curve.
+    """
+    curves = camera.sensor.quantum_efficiency
+    curve = curves.of("C") if isinstance(curves, FilterCurves) else curves
+    red, green, blue = (photons_per_lux_s_um2(illuminant, (curve,), band) for band in BANDS_NM)
+    total = red + green + blue
+    return (red / total, green / total, blue / total) if total > 0 else (1 / 3, 1 / 3, 1 / 3)
+
+
+@lru_cache(maxsize=64)
+def clear_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, float, float]:
+    """Shares of red, green and blue in what clear pixels beside red and blue ones (RCCB) collect of white light."""
+    electrons = filter_electrons(camera, illuminant)
+    red, blue, clear = (electrons[letter] for letter in "RBC")
+    if not clear - red - blue > _LEAST_GREEN * clear:
+        raise ValueError(
+            f"quantum_efficiency: clear makes {clear:.4g} electrons per lux s, red {red:.4g}, blue {blue:.4g}; "
+            f"cfa = 'RCCB' makes green of what clear has more, at least {_LEAST_GREEN:.0%} of it"
+        )
+    return red / clear, (clear - red - blue) / clear, blue / clear
+
+
+def dark_electrons(camera: Camera, exposure_s: Number, temperature_c: Number) -> Number:
+    """Mean (and variance) of the dark charge: mu_I(ref) 2^((temp - ref)/doubling) T, EMVA 1288 eq. 14."""
+    doublings = (temperature_c - camera.sensor.dark_reference_c) / camera.sensor.dark_doubling_c
+    if isinstance(doublings, Tensor):
+        factor = torch.exp2(doublings.clamp(max=_MOST_DOUBLINGS))
+        return (camera.sensor.dark_current_e_s * factor * exposure_s).clamp(max=_MOST_E)
+    return min(
+        camera.sensor.dark_current_e_s * math.exp2(min(doublings, _MOST_DOUBLINGS)) * exposure_s, _MOST_E
+    )
+
+
+def planes(camera: Camera, colours: int) -> int:
+    """Number of planes read out of pictures with so many colours. Raises ``ValueError`` naming the image."""
+    if camera.sensor.cfa == "none":
+        return colours
+    if colours not in (1, 3):
+        raise ValueError(
+            f"image: has {colours} channels; cfa = {camera.sensor.cfa!r} needs 1 (grey) or 3 (RGB)"
+        )
+    return 1
+
+
+def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") -> Tensor:
+    """Light (B, C, H, W) on the camera's pixels: (B, 1, H, W) of a mosaic or one plane, else ``light`` itself."""
+    if camera.sensor.cfa == "none":
+        return light
+    planes(camera, light.shape[1])
+    quick = plain(light)  # NumPy wakes no threads
+    seen: Any = light.detach().numpy() if quick else light
+    out = torch.empty_like(light[:, :1], requires_grad=False, memory_format=torch.contiguous_format)
+    to: Any = out.numpy() if quick else out
+    if camera.sensor.cfa == "mono":
+        to[:, 0] = _weighted(seen, weights(camera, illuminant)[0])
+        return out
+    for site, of_site in enumerate(weights(camera, illuminant)):
+        y, x = divmod(site, 2)
+        to[:, 0, y::2, x::2] = _weighted(seen[..., y::2, x::2], of_site).clip(min=0.0)
+    return out
+
+
+@lru_cache(maxsize=64)
+def weights(camera: Camera, illuminant: str | Curve = "D55") -> tuple[Row, ...]:
+    """Weights of red, green and blue of linear sRGB in a plane: for each of the four sites, or for all pixels."""
+    if camera.sensor.cfa == "mono":
+        return (colour_shares(camera, illuminant),)
+    electrons = filter_electrons(camera, illuminant)
+    most = max(electrons.values()) or 1.0
+    red, green, blue = (np.array(row) for row in colour.inverse(camera.isp.ccm))
+    rows = {"R": red, "G": green, "B": blue}
+    if camera.sensor.cfa == "RCCB":
+        rows["C"] = np.array(clear_shares(camera, illuminant)) @ np.array([red, green, blue])
+    elif "C" in camera.sensor.cfa:
+        rows["C"] = np.array(colour_shares(camera, illuminant))
+    return tuple(colour.as_rows(rows[letter] * electrons[letter] / most for letter in camera.sensor.cfa))
+
+
+def peak(camera: Camera, illuminant: str | Curve = "D55") -> float:
+    """The largest value that pictures within [0, 1] can have on the plane, 1 without a mosaic."""
+    if camera.sensor.cfa in colour.PLANES:
+        return 1.0
+    return max(1.0, *(sum(max(0.0, weight) for weight in row) for row in weights(camera, illuminant)))
+
+
+def _weighted(light: Any, row: Row) -> Any:
+    """The weighted sum of the channels of (B, C, H, W), an array or a tensor."""
+    if light.shape[1] == 1:
+        return light[:, 0] * sum(row)
+    return reduce(add, [light[:, place] * weight for place, weight in enumerate(row) if weight])

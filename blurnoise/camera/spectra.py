@@ -1,0 +1,191 @@
+"""Spectral curves, and from illuminance to photons.
+
+Wavelengths in nm, curves piecewise linear between their samples and zero outside them. Data: the CIE 1924
+photopic curve V (1 nm) and the D-series components S0, S1, S2 (10 nm), both of CIE 15, as CSV tables in
+``data/``. All integrals are sums over a 1 nm grid (trapezoid).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise._core.checks import check_fields, in_range, limited, shown
+from blurnoise._core.files import read_samples
+
+PLANCK_J_S = 6.62607015e-34
+LIGHT_M_S = 299_792_458.0
+BOLTZMANN_J_K = 1.380649e-23
+LUMENS_PER_WATT = 683.0
+VISIBLE_NM = (400.0, 700.0)  # the band that a plain number (a quantum efficiency, a transmission) covers
+_ILLUMINANTS = "must be D50, D55, D65, D75, planck:KELVIN or a Curve"
+_OVER = 0.05  # of its peak: a curve that ends below it is over, one above it was cut short
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A spectral curve: ``values`` at ``wavelengths_nm`` (increasing), linear between, zero outside.
+
+    Raises ``TypeError`` or ``ValueError`` naming the field.
+    """
+
+    wavelengths_nm: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_samples("wavelengths_nm", self.wavelengths_nm, self.values)
+        limited("wavelengths_nm: the first", self.wavelengths_nm[0], "wavelength_nm")
+        limited("values: the largest", max(map(abs, self.values)), "value")
+
+    @classmethod
+    def from_csv(cls, path: str | Path, column: int = 1) -> Curve:
+        """Read a CSV of wavelengths in nm (column 0) and values (``column``), with or without a header.
+
+        Raises ``ValueError`` that names the file and line when a row does not hold numbers.
+        """
+        return cls(*read_samples(path, column, "a wavelength in nm"))
+
+    def at(self, nm: Floats) -> Floats:
+        """Values at ``nm``, zero outside the curve."""
+        return np.interp(nm, self.wavelengths_nm, self.values, left=0.0, right=0.0)
+
+
+def check_samples(name: str, positions: Sequence[float], values: Sequence[float]) -> None:
+    """Raise ``ValueError`` unless there are two samples or more, at positions from 0 to 1e6 that increase."""
+    if len(positions) != len(values) or len(positions) < 2:
+        got = f"{len(positions)} and {len(values)}"
+        raise ValueError(f"{name}, values: must be as many, at least 2, got {got}")
+    if positions[0] < 0 or any(after <= before for before, after in pairwise(positions)):
+        raise ValueError(f"{name} = {shown(positions)}: must be >= 0 and increase")
+    in_range(f"{name}: the last", positions[-1], 0.0, 1e6, above=True)
+
+
+Spectrum = float | Curve  # a number holds over the whole integration band
+
+
+def check_shares(name: str, curve: Spectrum) -> None:
+    """Raise ``TypeError`` or ``ValueError`` unless all values lie within [0, 1]."""
+    for value in curve.values if isinstance(curve, Curve) else (curve,):
+        in_range(name, value, 0.0, 1.0)
+
+
+def planck(kelvin: float) -> Curve:
+    """Relative radiance of a black body per wavelength, 300-1100 nm, 1 at 560 nm. Temperature in K."""
+    limited("kelvin", kelvin)
+    nm = np.arange(300.0, 1101.0)
+    metres = nm * 1e-9
+    radiance = metres**-5 / np.expm1(PLANCK_J_S * LIGHT_M_S / (metres * BOLTZMANN_J_K * kelvin))
+    return Curve(tuple(nm), tuple(radiance / radiance[nm == 560]))
+
+
+def daylight(kelvin: float) -> Curve:
+    """CIE D-series daylight of correlated colour temperature 4000-25000 K, 1 at 560 nm (CIE 15, eq. 3.3-3.7).
+
+    The named illuminants carry the older value of c2, so D55 is 5500 * 1.4388 / 1.4380 K.
+    """
+    if not 4000.0 <= kelvin <= 25000.0:
+        raise ValueError(f"kelvin = {kelvin!r}: must be within 4000 and 25000 for CIE daylight")
+    u = 1e3 / kelvin
+    if kelvin <= 7000.0:
+        x = 0.244063 + 0.09911 * u + 2.9678 * u**2 - 4.6070 * u**3
+    else:
+        x = 0.237040 + 0.24748 * u + 1.9018 * u**2 - 2.0064 * u**3
+    y = -3.000 * x**2 + 2.870 * x - 0.275
+    m = 0.0241 + 0.2562 * x - 0.7341 * y
+    m1 = round((-1.3515 - 1.7703 * x + 5.9114 * y) / m, 3)
+    m2 = round((0.0300 - 31.4424 * x + 30.0717 * y) / m, 3)
+    s0, s1, s2 = (_table("d_series.csv", column) for column in (1, 2, 3))
+    spd = np.asarray(s0.values) + m1 * np.asarray(s1.values) + m2 * np.asarray(s2.values)
+    return Curve(s0.wavelengths_nm, tuple(spd / 100.0))
+
+
+def illuminant(name: str | Curve) -> Curve:
+    """An illuminant by name: "D50", "D55", "D65", "D75", or "planck:KELVIN"; a curve is passed through."""
+    check_illuminant(name)
+    if isinstance(name, Curve):
+        return name
+    if name.upper() in {"D50", "D55", "D65", "D75"}:
+        return daylight(int(name[1:]) * 100 * 1.4388 / 1.4380)
+    kind, _, kelvin = name.partition(":")
+    if kind.lower() != "planck":
+        raise ValueError(f"illuminant = {shown(name)}: {_ILLUMINANTS}")
+    try:
+        return planck(float(kelvin))
+    except ValueError as error:
+        raise ValueError(f"illuminant = {shown(name)}: {error}") from None
+
+
+def check_illuminant(illuminant: object) -> None:
+    """Raise ``TypeError`` for what is neither a name nor a curve."""
+    if not isinstance(illuminant, (str, Curve)):
+        raise TypeError(f"illuminant = {shown(illuminant)}: {_ILLUMINANTS}")
+
+
+@lru_cache(maxsize=64)
+def photons_per_lux_s_um2(
+    source: str | Curve = "D55", responses: Sequence[Spectrum] = (), band_nm: tuple[float, float] = VISIBLE_NM
+) -> float:
+    """Photons per (lux s um^2) of illuminance on a surface, weighted by every one of ``responses``, a tuple.
+
+    integral W R1 R2 ... lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al., Sensors 2024, 24, 5135, eq.
+    9-11. The first integral runs over ``band_nm``, the second over all of V, because a lux counts all visible light
+    (the paper's tool cuts both at 650 nm and so counts 1.6 % more).
+    """
+    lit = illuminant(source)
+    luminous = _integral((lit, _table("v_lambda.csv", 1)), (0.0, math.inf))
+    if luminous <= 0:
+        raise ValueError(f"illuminant = {source!r}: gives no visible light")
+    photons = _integral((lit, *responses), band_nm, power_of_nm=1) * 1e-9 / (PLANCK_J_S * LIGHT_M_S)
+    return photons / (LUMENS_PER_WATT * luminous) * 1e-12
+
+
+@lru_cache(maxsize=64)
+def cut_short(response: Curve) -> str:
+    """Where a response ends within ``VISIBLE_NM`` above 5 % of its peak, and what its last value would add of D55."""
+    nm, values, peak = response.wavelengths_nm, response.values, max(response.values)
+    ends: list[str] = []
+    held = dict(zip(nm, values, strict=True))
+    low, high = VISIBLE_NM
+    if nm[0] > low and values[0] > _OVER * peak:
+        held[low] = values[0]
+        ends.append(f"begins at {nm[0]:g} nm with {values[0] / peak:.0%} of its peak")
+    if nm[-1] < high and values[-1] > _OVER * peak:
+        held[high] = values[-1]
+        ends.append(f"ends at {nm[-1]:g} nm with {values[-1] / peak:.0%} of its peak")
+    if not ends:
+        return ""
+    whole = Curve(tuple(sorted(held)), tuple(held[each] for each in sorted(held)))
+    stated, possible = (photons_per_lux_s_um2("D55", (curve,)) for curve in (response, whole))
+    more = f", +{possible / stated - 1:.1%} of white if held" if stated > 0 else ""
+    return f"{' and '.join(ends)}, counted as 0 beyond{more}"
+
+
+def _integral(factors: Sequence[Spectrum], band_nm: tuple[float, float], power_of_nm: int = 0) -> float:
+    """Integral over the wavelength of a product, where every curve has samples; steps of at most 1 nm."""
+    curves = [factor for factor in factors if isinstance(factor, Curve)]
+    low = max(band_nm[0], *(curve.wavelengths_nm[0] for curve in curves))
+    high = min(band_nm[1], *(curve.wavelengths_nm[-1] for curve in curves))
+    if low >= high:
+        return 0.0
+    nm = np.linspace(low, high, math.ceil(high - low) + 1)
+    product = nm**power_of_nm
+    for factor in factors:
+        product = product * (factor.at(nm) if isinstance(factor, Curve) else float(factor))
+    return float(np.trapezoid(product, nm))
+
+
+@lru_cache(maxsize=8)
+def _table(name: str, column: int) -> Curve:
+    with resources.as_file(resources.files("blurnoise.camera") / "data" / name) as path:
+        return Curve.from_csv(path, column)

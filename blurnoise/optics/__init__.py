@@ -1,1 +1,0 @@
-"""Cameras: their lens, pixels and converter, light and colours."""

@@ -1,0 +1,203 @@
+"""The tables of a run: its scores, answers, curves and recommendations, and what else its page shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from blurnoise_eval.answers.clusters import repeated
+from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.curves import endurances, endurances_across
+from blurnoise_eval.answers.exposure_window import answers, natural
+from blurnoise_eval.answers.model_rows import model_rows
+from blurnoise_eval.answers.recommendation import average_curve, recommendations
+from blurnoise_eval.report.run import RunData
+from blurnoise_eval.report.words import counted
+from blurnoise_eval.run.score_tables import (
+    dark_below,
+    models_withheld,
+    on_lines,
+    run_averages,
+    run_scores,
+    score_tables,
+)
+from blurnoise_eval.run.setup import Setup
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.rows import Example, LabelledBox
+from blurnoise_eval.store.store import Store
+
+_FINE = 12  # predicted exposures for each curve over blur
+_LISTED = 8  # labels that a warning names
+_PREDICTED = "Answers and curves are predicted from these. The intervals include the error of prediction."
+_OF_GRID = ("mpc", "rpc")  # means over a grid's conditions, which a search does not visit evenly
+Row = dict[str, Any]
+
+
+def tables_of(
+    store: Store,
+    setup: Setup,
+    criterion: Criterion,
+    progress: Callable[[int], None] = lambda scores: None,
+) -> RunData:
+    """All tables of a run; ``progress`` is called for each condition scored.
+
+    Groups of which the model finds too few in the original pictures have no answers; the manifest lists them as
+    ``withheld``, and models that detect next to nothing as ``withheld_models``. Scores are kept in the store until
+    cells are added.
+    """
+    scored = run_scores(store, setup, criterion, progress)
+    scores = [condition.row for condition in scored]
+    unfit = models_withheld(setup.manifest, scores)
+    measured = score_tables(store, setup, criterion, scored)
+    tables = [table for table in on_lines(setup, measured) if table.model not in unfit]
+    known = [table for table in tables if not table.knows_too_little]
+    order = {name: index for index, name in enumerate(setup.models)}
+    dark = dark_below(setup.camera)
+    answer_rows: list[Row] = []
+    curve_rows: list[Row] = []
+    # sorted() is stable: settings and velocities stay in their order
+    for table in sorted(known, key=lambda table: (order[table.model], natural(table.group))):
+        answer_rows += answers(table, criterion, dark, monotone=setup.monotone)
+        exposures, grid_s = table.conditions["exposure_s"], setup.grid_exposures_s
+        if table.prediction_cov is not None:
+            thinned = table.take(np.isin(exposures, np.unique(exposures)[::_FINE]))
+            curve_rows += endurances(thinned, criterion, grid_s)
+        else:
+            curve_rows += endurances(table, criterion, grid_s)
+            of_grid = table.take(np.isin(exposures, grid_s)) if grid_s else table
+            curve_rows += endurances_across(of_grid, criterion)
+    averages = run_averages(store, setup, criterion, known)
+    withheld = [
+        {name: getattr(table, name) for name in ("model", "group", "n_targets", "reference", "clean")}
+        for table in tables
+        if table.knows_too_little
+    ]
+    manifest = _manifest(store, setup, criterion)
+    manifest |= {"withheld": withheld, "withheld_models": unfit}
+    manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
+    models = model_rows(
+        manifest["models"],
+        scores,
+        [condition.performance for condition in scored],
+        curve_rows,
+        setup.grid_exposures_s,
+        setup.labelled,
+    )
+    if setup.searched:
+        manifest["searched"] = [*strategy_sentences(setup), _PREDICTED]
+        manifest["taken"] = [row for row in scores if not row["clean"]]
+        unknown = {f"{name}{end}": None for name in _OF_GRID for end in ("", "_low", "_high")}
+        models = [{**model, **unknown} for model in models]
+    else:
+        manifest["warnings"] += strategy_sentences(setup)
+    return RunData(
+        manifest,
+        models,
+        scores,
+        store.skipped(),
+        answer_rows,
+        curve_rows,
+        list(_examples(store, setup)),
+        [row for average in averages for row in recommendations(average)],
+        [average_curve(average) for average in averages],
+    )
+
+
+def of_page(tables: RunData, setup: Setup) -> RunData:
+    """The tables that the page shows: after a search without the scores of its nodes, which lie on no grid."""
+    if not setup.searched:
+        return tables
+    return replace(tables, scores=[row for row in tables.scores if row["clean"]])
+
+
+def search_counts(setup: Setup) -> Row | None:
+    """The numbers of ``nodes``, ``pictures`` and ``cells`` of a search, and of ``grid_cells`` that the grid would
+    need; ``because``: why the full grid was computed. None of a run without a search."""
+    space = setup.search_space
+    if space is None:
+        return None
+    repeats, n_pictures = setup.planned["repeats"], setup.manifest["images"]["count"]
+    nodes = space.grid_conditions
+    if not space.because:
+        nodes = sum(len(batch.conditions) for batch in setup.batches)
+    return {
+        "nodes": nodes,
+        "pictures": n_pictures,
+        "cells": nodes * n_pictures * repeats,
+        "grid_cells": space.grid_conditions * n_pictures * repeats,
+        "because": list(space.because),
+    }
+
+
+def strategy_sentences(setup: Setup) -> list[str]:
+    """How many conditions a search has computed, or why it was the full grid; nothing of other runs."""
+    counts = search_counts(setup)
+    if counts is None:
+        return []
+    if counts["because"]:
+        reasons = "; ".join(counts["because"])
+        return [f"The full grid of {counts['nodes']} conditions was computed: {reasons}."]
+    return [
+        f"{counted(counts['nodes'], 'condition')} with {counted(counts['pictures'], 'picture')}: "
+        f"{counted(counts['cells'], 'cell')}. The grid would need {counts['grid_cells']} without its refinement."
+    ]
+
+
+def _manifest(store: Store, setup: Setup, criterion: Criterion) -> Row:
+    """The run's manifest, with counts, times, software, and the failures of models, from all of its rows."""
+    non_finite = queries.non_finite_values(store)
+    models = [{**note, "non_finite_values": non_finite.get(name, 0)} for name, note in setup.models.items()]
+    labelled, rendered = setup.labelled, setup.manifest["images"]["kind"] == "rendered"
+    looks = {name: picture.look for name, picture in store.pictures().items()}
+    refined = sum(len(batch.conditions) for batch in setup.batches) if setup.grid_exposures_s else 0
+    manifest: Row = {
+        **setup.manifest,
+        "models": models,
+        "plan": setup.planned,
+        "software": store.software(),
+        "cluster": criterion.cluster,
+        "wall_s": setup.wall_s,
+        **queries.counts(store),
+        "simulate_ms": queries.median_simulate_ms(store),
+        "errors": queries.errors(store),
+        **({} if labelled else {"targets_found": queries.labels_when_clean(store)}),
+        "missing_cells": setup.missing_cells(store),
+        "repeated": None if rendered else repeated(looks, criterion.cluster),
+        "criterion": criterion.row(),
+        "threshold": criterion.level,
+        "refined": refined,
+    }
+    return manifest
+
+
+def _examples(store: Store, setup: Setup) -> Iterator[Example]:
+    """The simulated pictures that the run keeps, with detections and targets."""
+    for cell in queries.examples(store):
+        leading, names = store.detections(cell.cell_id, cell.model).leading, setup.classes(cell.model)
+        rows = zip(
+            leading.boxes_xyxy.tolist(), leading.scores.tolist(), leading.class_ids.tolist(), strict=True
+        )
+        boxes = (LabelledBox(tuple(box), score, names[class_id]) for box, score, class_id in rows)
+        targets = (row.target for row in queries.targets_of(store, cell.cell_id, cell.model))
+        yield Example(cell, store.file(str(cell.example)), tuple(boxes), tuple(targets))
+
+
+def _warnings(store: Store, manifest: Row) -> Iterator[str]:
+    for group in manifest["withheld"]:
+        yield (
+            f"{group['model']}, {group['group']}: its targets score {group['clean'] or 0.0:.2g} on average in the "
+            "original pictures, too little to say which share of it is kept"
+        )
+    for model in manifest["models"]:
+        if unknown := model["unknown_labels"]:
+            listed = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")
+            yield f"{model['name']}: does not know {len(unknown)} of the labels ({listed}), which are left out"
+        count, first = queries.without_targets(store, model["name"])
+        if count:
+            yield (
+                f"{model['name']}: {count} pictures have no target that the model knows "
+                f"(first: {first}). Only their false positives count"
+            )

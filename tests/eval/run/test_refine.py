@@ -1,0 +1,129 @@
+"""Refining: further exposures about the ends of windows, by a score whose ends are known in closed form."""
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import pytest
+from blurnoise_eval.plan.axes import AUTOMATIC
+from blurnoise_eval.plan.question import Question
+from blurnoise_eval.run.evaluation import evaluate
+from blurnoise_eval.run.refine import STOPS
+from blurnoise_eval.run.run import Run
+from blurnoise_eval.store.store import PictureFacts, Store
+from plans import plan as swept_plan
+from signs_in_memory import CAMERA, picture, picture_set
+from stored_rows import clean_result, result
+
+EXPOSURES_S = (0.001, 0.003, 0.01, 0.03, 0.1)
+LIGHTS_LUX, SPEEDS_PX_S = (5.0, 50.0), (0.0, 300.0)
+PLAN = swept_plan(EXPOSURES_S, LIGHTS_LUX, SPEEDS_PX_S, gain_db=(AUTOMATIC,))
+PICTURES = picture_set(*(picture(f"{number}.png", labels=None) for number in range(24)))
+KEPT, STEEP = 0.9, 12.0  # of the logistic curves, per stop
+
+
+def ends_of(lux, speed_px_s):
+    """Where what is kept of the score is 0.9: more light moves the lower end down, speed the upper end."""
+    return 0.02 / math.sqrt(lux), 0.057 if speed_px_s == 0 else 5.2 / speed_px_s
+
+
+def kept_at(exposure_s, lux, speed_px_s):
+    """Logistic in log exposure at either end, where it is 0.9."""
+    low_s, high_s = ends_of(lux, speed_px_s)
+    odds = math.log(KEPT / (1 - KEPT))
+    rise = 1 / (1 + math.exp(-odds - STEEP * math.log2(exposure_s / low_s)))
+    return rise / (1 + math.exp(-odds + STEEP * math.log2(exposure_s / high_s)))
+
+
+@dataclass
+class ClosedForm:
+    """An engine that computes no picture: every target scores 0.9 of what is kept. after: blocks until it is
+    interrupted."""
+
+    after: int | None = None
+    cells: int = 0
+    blocks: int = 0
+
+    def map(self, work, blocks):
+        for block in blocks:
+            if self.blocks == self.after:
+                raise KeyboardInterrupt
+            self.blocks += 1
+            self.cells += len(block.cells)
+            yield block, [scored(work.models[0].name, cell) for cell in block.cells]
+
+
+def scored(model, cell):
+    shared = {"cell_id": cell.cell_id, "image": cell.image, "model": model, "repeat": cell.repeat}
+    if cell.conditions is None:
+        found = clean_result(0, **shared)
+        kept = 1.0
+    else:
+        at = cell.conditions.on(CAMERA)
+        found = result(0, **shared, **at, blur_px=0.0)
+        kept = kept_at(at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"])
+    targets = tuple(replace(row, target=replace(row.target, confidence=0.9 * kept)) for row in found.targets)
+    (identity,) = (each.identity for each in PICTURES if each.name == cell.image)
+    return replace(found, targets=targets, picture=PictureFacts(identity, "", 320, 320, ""))
+
+
+def swept(folder, detector, engine=None, **options):
+    return evaluate(
+        detector,
+        PICTURES,
+        CAMERA,
+        PLAN,
+        Question(keep=KEPT),
+        folder,
+        engine=engine or ClosedForm(),
+        **options,
+    )
+
+
+@pytest.fixture(scope="module")
+def refined(detector, tmp_path_factory):
+    return swept(tmp_path_factory.mktemp("run"), detector)
+
+
+def rows(run):
+    with Store(run.folder) as store:
+        found = [(cell.cell_id, cell.image, cell.conditions.exposure_s) for cell in store.cells()]
+        return [sorted(found, key=repr), Run.open(run.folder).setup.batches]
+
+
+def test_every_end_lies_in_its_interval(refined):
+    """Seven of the eight ends stand between two tested exposures, 1.6 to 1.7 stops apart; one is below the shortest.
+    Straight lines between these miss most of them by more than a quarter of a stop."""
+    seen = 0
+    for answer in refined.answers:
+        (window,) = answer["windows_s"]
+        bounds = answer["windows_low_s"][0], answer["windows_high_s"][0]
+        true = ends_of(answer["illuminance_lux"], answer["velocity_x_px_s"])
+        for end, (low, high), exact in zip(window, bounds, true, strict=True):
+            if exact < EXPOSURES_S[0]:
+                continue
+            seen += 1
+            assert low <= exact <= high
+            assert abs(math.log2(end / exact)) < STOPS
+            x = answer["exposures_s"]
+            about = next((a, b) for a, b in pairwise(x) if a <= exact <= b)
+            assert math.log2(about[1] / about[0]) < STOPS + 0.03
+    assert seen == 8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after", [50, 110])
+def test_stopped_it_goes_on_with_the_same_cells(refined, detector, tmp_path, after):
+    """In the grid, which has 96 blocks, or while it is refined. Asked again it computes nothing."""
+    stopped = 0
+    while True:
+        try:
+            run = swept(tmp_path, detector, ClosedForm(after))
+            break
+        except KeyboardInterrupt:
+            stopped += 1
+    assert stopped
+    assert rows(run) == rows(refined)
+    swept(tmp_path, detector, engine := ClosedForm())
+    assert engine.cells == 0
+    assert rows(run) == rows(refined)
