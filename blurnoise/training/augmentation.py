@@ -83,9 +83,9 @@ class OverConditions:
             for name, value in ranges.items():
                 raise TypeError(f"{name} = {shown(value)}: is part of the table; must not be given")
         self.ranges = ExposureRanges(**ranges) if table is None else table
-        tone = encoding or ("srgb" if table is None else table.encoding)
+        usual = "srgb" if table is None else table.encoding
         self.flags = {
-            "encoding": picture_tone(tone),
+            "encoding": picture_tone(usual if encoding is None else encoding),
             "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
             "grow_boxes": grow_boxes,
         }

@@ -107,7 +107,8 @@ class Draws(ABC):
         }
         velocities = velocity_px_s(drawn["speed_px_s"], drawn["direction_deg"]).tolist()
         columns = {name: drawn[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c")}
-        cameras = [self.cameras[index] for index in drawn["camera_index"].tolist()]
+        known = self.cameras
+        cameras = [known[index] for index in drawn["camera_index"].tolist()]
         columns |= {
             "camera": cameras,
             "velocity_px_s": list(map(tuple, velocities)),

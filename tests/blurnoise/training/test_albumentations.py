@@ -39,6 +39,7 @@ KINDS: dict[str, Any] = {
     "cameras": lambda: RandomExposure(
         [Camera.preset("imx250c").with_figures(read_noise_e=9.0), "ar0132x3"], encoding="linear", p=1.0
     ),
+    "lamp": lambda: RandomExposure("ar0132x3", lamp_hz=90.0, lamp_lights="targets", exposure_s=0.001, p=1.0),
     "road": lambda: RandomExposure(ego_kmh=(10.0, 50.0), p=1.0),
     "table": lambda: RandomExposure(table=TABLE, channels="bgr", p=1.0),
 }

@@ -11,7 +11,6 @@ from batches import one_of, pictures
 from kornia.augmentation import (
     AugmentationSequential,
     RandomHorizontalFlip,
-    RandomVerticalFlip,
     VideoSequential,
 )
 from kornia.geometry.boxes import Boxes
@@ -167,20 +166,6 @@ def test_targets_that_drive_along_stay_sharp():
     assert float((followed[outside] - whole[outside]).abs().mean()) < 2 / 255
 
 
-def test_speeds_are_drawn_evenly_and_replayed():
-    aug = RandomExposure(ego_kmh=(10.0, 90.0), vehicle=ROAD, exposure_s=(0.005, 0.05), p=1.0)
-    torch.manual_seed(1)
-    drawn = aug.generate_parameters((4000, 3, *SIZE))
-    speeds = drawn["ego_kmh"].double()
-    assert float(speeds.mean()) == pytest.approx(50, abs=5 * 80 / math.sqrt(12 * 4000))
-    assert float(speeds.std()) == pytest.approx(80 / math.sqrt(12), rel=5 / math.sqrt(4000))
-    image = batch(4)[0]
-    out, params = aug(image), aug._params
-    for item in range(4):
-        assert torch.equal(aug(image[[item]], params=one_of(params, item)), out[[item]])
-    assert not torch.equal(aug(image, params={**params, "ego_kmh": params["ego_kmh"].flip(0)}), out)
-
-
 def grown(vehicle, box):
     """By what a box (left, top, right, bottom) grows to each side, px."""
     aug = RandomExposure(**AT, ego_kmh=KMH, vehicle=vehicle, grow_boxes=True, p=1.0)
@@ -241,36 +226,11 @@ def test_boxes_grow_to_what_is_swept():
     assert torch.equal(in_sequence(BOX, grow=False), BOX)
 
 
-def test_boxes_grow_along_with_flips():
-    """Growth and a flip commute up to the direction's mirror image, which has the same extent."""
-    left, top, right, bottom = GROWN.unbind(-1)
-    mirrored = torch.stack([LAST_X - right, top, LAST_X - left, bottom], -1)
-    torch.testing.assert_close(in_sequence(BOX, RandomHorizontalFlip(p=1.0)), mirrored)
-    aug = RandomExposure(**TENS, grow_boxes=True, p=1.0)
-    before = AugmentationSequential(
-        RandomHorizontalFlip(p=1.0), RandomVerticalFlip(p=1.0), aug, data_keys=["input", "bbox_xyxy"]
-    )(torch.rand(1, 3, 48, 80), BOX)[1]
-    turned = torch.stack([LAST_X - right, LAST_Y - bottom, LAST_X - left, LAST_Y - top], -1)
-    torch.testing.assert_close(before, turned)
-
-
 def test_boxes_grow_no_further_than_the_picture():
     """An edge within the picture stops at its border; one that lies beyond stays where it is."""
     boxes = torch.tensor([[[1.0, 1.0, 78.0, 46.0], [-3.0, -2.0, 85.0, 50.0]]])
     expected = torch.tensor([[[0.0, 0.0, LAST_X, LAST_Y], [-3.0, -2.0, 85.0, 50.0]]])
     torch.testing.assert_close(in_sequence(boxes), expected)
-
-
-def test_boxes_grow_only_with_their_picture():
-    torch.manual_seed(4)
-    aug = RandomExposure(**TENS, grow_boxes=True, p=0.5)
-    sequence = AugmentationSequential(aug, data_keys=["input", "bbox_xyxy"])
-    boxes = BOX.expand(8, 2, 4).clone()
-    _, grown = sequence(torch.rand(8, 3, 48, 80), boxes)
-    chosen = aug._params["batch_prob"] > 0.5
-    assert 0 < int(chosen.sum()) < 8
-    torch.testing.assert_close(grown[chosen], GROWN.expand(int(chosen.sum()), 2, 4))
-    assert torch.equal(grown[~chosen], boxes[~chosen])
 
 
 def test_frames_of_a_video_share_their_conditions_and_not_their_noise():

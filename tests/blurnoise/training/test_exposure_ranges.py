@@ -1,9 +1,7 @@
 """The conditions of training pictures: drawn from ranges or a table, their distributions, and refusals."""
 
-import copy
 import json
 import math
-import pickle
 from typing import Any
 
 import numpy as np
@@ -186,15 +184,13 @@ def test_a_runs_rows_keep_what_belongs_together(tmp_path):
 
 
 def test_is_expose_pictures_under_what_was_drawn():
-    """With the gain that auto-exposure sets, on a copy too."""
+    """With the gain that auto-exposure sets."""
     auto = AutoExposure(target=0.1)
     aug = RandomExposure(table=table(gain_db=auto), p=1.0, grow_boxes=True)
     seen, params = aug(pictures()), aug._params
     given = {name: params[name] for name in ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg")}
     given |= {"gain_db": auto, "seeds": params["noise_seed"].tolist()}
     assert torch.equal(seen, exposed(pictures(), "imx250", **given))
-    for other in (copy.deepcopy(aug), pickle.loads(pickle.dumps(aug))):
-        assert torch.equal(other(pictures(), params=params), seen)
     assert "18 conditions" in repr(aug)
 
 
