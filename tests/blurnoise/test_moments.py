@@ -84,7 +84,7 @@ def test_every_stage_does_what_its_moments_say(mean_photo_e, law):
     names = ("normal", "read", "prnu", "dsnu")
     fields = {name: rng.standard_normal([seed], like, name) for seed, name in enumerate(names)}
     point = Resolved(BASE, one * 0.1, one * 36.0, white_e=one * mean_photo_e)
-    gain, offset_e = 1 + BASE.prnu * fields["prnu"], BASE.dsnu_e * fields["dsnu"]
+    gain, offset_e = 1 + BASE.sensor.prnu * fields["prnu"], BASE.sensor.dsnu_e * fields["dsnu"]
     noises = {name: fields[name] for name in NOISES[law]}
     at = ReadoutFields(
         BASE, law, one * mean_photo_e, point.dark_e, [7], gain=gain, offset_e=offset_e, **noises

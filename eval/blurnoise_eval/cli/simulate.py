@@ -86,7 +86,7 @@ def simulate(
     doubts = picture_doubts(image.parent, [image.name])
     camera = exposure.camera
     for about in filter(
-        None, [camera_text(camera, colour=colour), inputs.about_lux(config, camera), *doubts]
+        None, [camera_text(camera, colour=colour), inputs.about_lux(config.camera, camera), *doubts]
     ):
         say_wrapped(about, hanging=2, error=True)
     if plan and not as_json:

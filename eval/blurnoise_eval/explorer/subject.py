@@ -84,7 +84,7 @@ class Subject:
         """The picture ``smaller`` times smaller, with its motion and defocus; each pixel has the noise of a
         full one. Raises ``ValueError`` where parts of the picture move apart."""
         n, at = self.smaller, state.at
-        if at[EGO.name] or at[MOVES.name] or self.scene.lamps is not None:
+        if at[EGO.name] or at[MOVES.name] or self.scene.plan.lamps is not None:
             raise ValueError("preview: needs one motion of the whole picture, and no lamps")
         slower = {name: (at[name] or 0.0) / n for name in VELOCITY}
         defocus_px = at.exposure(camera).camera.lens.defocus_radius_px / n

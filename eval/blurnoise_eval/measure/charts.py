@@ -34,7 +34,8 @@ from blurnoise.metrics.values import BatchEstimate, Estimate
 from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.measure.edges import EDGE_METRICS, EdgePair, Metric, TargetSquare
 from blurnoise_eval.plan.axes import EGO, MOVES, blur_px
-from blurnoise_eval.plan.conditions import Conditions, SweepPlan, cell_seed
+from blurnoise_eval.plan.conditions import Conditions, cell_seed
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.system.files import write_records
 from blurnoise_eval.system.machine import limited_threads
 from blurnoise_eval.system.tables import finite

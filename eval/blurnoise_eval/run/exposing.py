@@ -21,15 +21,13 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import limited_motion
 from blurnoise.camera import Camera
 from blurnoise.camera.captures import longest_first_s, windows
-from blurnoise.camera.colour import PictureTone
 from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.light.motion import readout_of
-from blurnoise.motion.ego import Vehicle
 from blurnoise.picture import fusion
 from blurnoise.picture.develop import develop_8bit, tones_8bit
 from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.scene.exposure import Exposure
-from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
+from blurnoise.scene.metering import mean_luma
 from blurnoise.scene.scene import Scene
 from blurnoise.scene.take import Frames, TakeOptions, take_each
 from blurnoise_eval.datasets import (
@@ -44,10 +42,8 @@ from blurnoise_eval.datasets import (
     target_mask,
 )
 from blurnoise_eval.datasets.cut_outs import CutScene
-from blurnoise_eval.plan.conditions import Cell, SweepPlan
-from blurnoise_eval.plan.lamps import Lamps
-from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
-from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.conditions import Cell
+from blurnoise_eval.plan.plan import SweepPlan, usual_plan
 from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 
@@ -78,35 +74,24 @@ class Frame(NamedTuple):
 class PictureScene:
     """A picture as light, shared by all its conditions. ``image8``: the picture itself with 8 bits.
 
-    grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.scene.metering`); raises ``UnreadablePicture`` where
-    that has no light. picture: with the targets that ``objects`` moves, and which may be ``lamps``. picture_tone: its
-    tone curve. hdr_white: as of :class:`SweepPlan`.
+    plan: how it is exposed under all of them. picture: with the targets that the plan's objects move, and which may
+    be its lamps. Raises ``UnreadablePicture`` where the part that the plan's grey anchor names has no light.
     """
 
-    def __init__(
-        self,
-        image: Image,
-        grey_anchor: str | None = None,
-        picture: Picture | None = None,
-        objects: Objects = USUAL_OBJECTS,
-        picture_tone: PictureTone = "srgb",
-        lamps: Lamps | None = None,
-        hdr_white: float = 1.0,
-    ) -> None:
-        self.image8, self._image, self._anchored = eight_bit(image), image, grey_anchor
-        self._tone, self.hdr_white = picture_tone, hdr_white
-        self._options = TakeOptions(("8 bit",), white=hdr_white)
-        self._picture, self.objects = picture, objects
+    def __init__(self, image: Image, plan: SweepPlan | None = None, picture: Picture | None = None) -> None:
+        self.plan = plan = usual_plan() if plan is None else plan
+        self.image8, self._image = eight_bit(image), image
+        self._picture, self.objects = picture, plan.objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
         self._lock = threading.Lock()
         self._means: dict[Camera, float] = {}
         try:
-            self.light = Scene.of_picture(image, grey_anchor, picture_tone)
+            self.light = Scene.of_picture(image, plan.grey_anchor, plan.picture_tone)
         except ValueError as error:
-            if grey_anchor is None:
+            if plan.grey_anchor is None:
                 raise
             raise UnreadablePicture(str(error)) from None
-        self.lamps, self._reflected, mask = lamps, self.light.light, None
+        lamps, self._reflected, mask = plan.lamps, self.light.light, None
         if lamps is not None and lamps.on_targets and picture is not None:
             mask = torch.from_numpy(target_mask(picture, self.image8.shape[:2]))
             if lamps.factor != 1:
@@ -118,12 +103,13 @@ class PictureScene:
 
     def frames(self, exposures: Sequence[Exposure]) -> Iterator[Frames]:
         """The picture under each exposure. At rest it is as it is, whatever may move."""
+        options = TakeOptions(("8 bit",), white=self.plan.hdr_white)
         for is_cut, group in groupby(exposures, key=self._is_cut):
             if is_cut:
-                yield from take_each(self._cut_scene()[0].scene, group, self._options)
+                yield from take_each(self._cut_scene()[0].scene, group, options)
             else:
-                moving = (replace(each, moves="all") for each in group)
-                yield from take_each(self.light, moving, self._options)
+                whole = (replace(exposure, moves="all") for exposure in group)
+                yield from take_each(self.light, whole, options)
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
@@ -171,43 +157,36 @@ class PictureScene:
                 if self._picture is None:
                     raise ValueError("moves: targets and background need a picture that has targets")
                 light, scale = self.light.light, 1.0
-                if self._anchored is not None:
-                    plain = Scene.of_picture(self._image, encoding=self._tone)
+                if self.plan.grey_anchor is not None:
+                    plain = Scene.of_picture(self._image, encoding=self.plan.picture_tone)
                     scale = float(self._reflected.sum() / plain.light.sum())
-                emitters = 1.0 if self.lamps is None else self.lamps.factor
+                emitters = 1.0 if self.plan.lamps is None else self.plan.lamps.factor
                 found = cut_out(self._picture, light, self.objects, scale, emitters)
                 self._cut = CutScene(found.cut, found.speeds, self.lamp_mask), found.targets
             return self._cut
 
 
-def frames(
-    scene: PictureScene,
-    cells: Sequence[Cell],
-    camera: Camera,
-    auto_exposure: AutoExposure = USUAL,
-    path: tuple[TrajectorySpec, float] | None = None,
-    ego: Vehicle | None = None,
-) -> Iterator[Frame]:
-    """The picture of each cell; a cell without conditions is the picture as it is, and stands first.
+def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterator[Frame]:
+    """The picture of each cell; a cell without conditions is the picture as it is, and comes first.
 
-    auto_exposure: what sets the gain where a cell leaves it to the camera, by the scene's mean light. path: what the
-    picture does beside its velocity, and the longest exposure along it; a shake is that of the cell's seed.
-    ego: the vehicle that drives at a cell's ego speed.
+    Where a cell leaves the gain to the camera, the plan's auto-exposure sets it by the scene's mean light. A shake is
+    that of the cell's seed.
     """
+    plan = scene.plan
     yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
     exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
     mean, (height, width) = scene.mean_light(camera) if exposed else 0.0, scene.image8.shape[:2]
     exposures = []
     for cell, at in exposed:
-        exposure = at.exposure(camera, cell.seed, vehicle=ego)
+        exposure = at.exposure(camera, cell.seed, vehicle=plan.vehicle)
         if at.automatic:
             exposure_s = math.nan if "exposure_s" in at.automatic else exposure.exposure_s
-            exposure = replace(exposure, exposure_s=exposure_s, gain_db=auto_exposure).metered(mean)
-        if path is not None:
-            along = path[0].of(camera, (height, width), path[1], cell.seed)
+            exposure = replace(exposure, exposure_s=exposure_s, gain_db=plan.auto_exposure).metered(mean)
+        if plan.path is not None:
+            along = plan.path[0].of(camera, (height, width), plan.path[1], cell.seed)
             exposure = replace(exposure, trajectory=along)
-        if scene.lamps is not None:
-            exposure = replace(exposure, lamp=scene.lamps.pulses(cell.repeat, cell.seed))
+        if plan.lamps is not None:
+            exposure = replace(exposure, lamp=plan.lamps.pulses(cell.repeat, cell.seed))
         exposures.append(exposure)
     before: tuple[object, ...] | None = None
     for (cell, _), exposure, frame in zip(exposed, exposures, scene.frames(exposures), strict=True):
@@ -220,7 +199,7 @@ def frames(
             frame.simulate_ms,
             exposure,
             *boxes,
-            saturated=_saturated(image, brightest(exposure, scene.hdr_white)),
+            saturated=_saturated(image, brightest(exposure, plan.hdr_white)),
             snr_db=snr_db(exposure, mean),
             brightness=cv2.mean(image.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
@@ -306,7 +285,7 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
         path = stated.of(camera, size, longest_s, plan.seed)
         path.window(-half_s, half_s)
     for at in plan.conditions():
-        exposure = replace(at.exposure(camera, vehicle=plan.ego), trajectory=path)
+        exposure = replace(at.exposure(camera, vehicle=plan.vehicle), trajectory=path)
         if "exposure_s" in at.automatic:
             exposure = replace(exposure, exposure_s=longest_first_s(camera.sensor.captures, plan.longest_s))
         if camera.sensor.captures:

@@ -28,7 +28,6 @@ from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.files import SceneFile
 from blurnoise_eval.plan.lamps import emitters_of, pwm_of
-from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
 _LENS = {axis.name: axis.into.partition(".")[2] for axis in AXES if axis.into.startswith("camera.")}
 
@@ -53,8 +52,7 @@ def opened(config: SceneFile, light: Tensor, camera: Camera) -> Opened:
             float(mean_luma(light, exposure.camera, lit_by)[0]), lit_by
         )
     if config.trajectory is not None:
-        spec = TrajectorySpec.parse(config.trajectory)
-        along = spec.of(exposure.camera, size, exposure.exposure_s, config.seed)
+        along = config.trajectory.of(exposure.camera, size, exposure.exposure_s, config.seed)
         exposure = replace(exposure, trajectory=along)
     lamp, mask = _lamp(config, size)
     cut = _cut(config, light)

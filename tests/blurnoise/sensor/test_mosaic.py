@@ -90,7 +90,7 @@ def test_scenes_and_simulate_give_the_same_bits(cfa, jpeg_quality, channels):
     """Frames in the channels of their picture, developed for their light, at gains of both kinds."""
     coded = (light(33, 47, 1)[0, :channels].permute(1, 2, 0) * 255).round().byte().numpy()
     taker = camera(cfa, jpeg_quality=jpeg_quality, prnu=0.01, dark_current_e_s=50.0, row_noise_e=9.0)
-    if taker.cfa not in ("none", "mono"):
+    if taker.sensor.cfa not in ("none", "mono"):
         taker = taker.with_figures(
             quantum_efficiency=behind_generic_filters(0.6)
         )  # whose ratios are the light's

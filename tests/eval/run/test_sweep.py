@@ -15,7 +15,8 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.plan.conditions import SweepPlan, cell_seed
+from blurnoise_eval.plan.conditions import cell_seed
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run import identity
 from blurnoise_eval.run.coco_export import write_detections
 from blurnoise_eval.run.computing import compute
