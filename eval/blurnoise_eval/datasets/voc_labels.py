@@ -81,8 +81,8 @@ def voc(
         root = selection.file if whole else selection.file.parent
         every = listing(root)
         xmls = [name for name in sorted(every) if name.lower().endswith(".xml")]
-        own = [name for name in xmls if not is_litter(name)]
-        files = own if whole else [selection.file.name]
+        labels_only = [name for name in xmls if not is_litter(name)]
+        files = labels_only if whole else [selection.file.name]
         if not files:
             raise ValueError("contains no XML files")
         selection.folder = selection.folder if images else root
@@ -90,10 +90,9 @@ def voc(
         if lost := [name for name in files if name not in read]:
             raise ValueError(f"{lost[0]}: No such file")
         pictures = _Pictures(list(listing(selection.folder)) if images else list(every))
-        found = {name: pictures.of(name, read[name].filename) for name in files}
-        selection.look_at([found[name] for name in files if read[name].size_px is None])
+        picture_of = {name: pictures.of(name, read[name].filename) for name in files}
+        selection.look_at([picture_of[name] for name in files if read[name].size_px is None])
         entries = []
-        known: set[str] = set()
         from_one: list[bool] = []
         difficult = 0
         for name in files:
@@ -101,28 +100,28 @@ def voc(
             size_px = annotation.size_px
             one = annotation.database.startswith(_FROM_ONE)
             targets: list[Target] = []
-            for each in annotation.objects:
-                known.add(each.name)
-                if each.bndbox is None:
-                    targets += selection.leave_out("without bndbox")
+            for entry in annotation.objects:
+                if (box := entry.bndbox) is None:
+                    selection.leave_out("without bndbox", entry.name)
                     continue
-                box = each.bndbox
                 corners = (box.xmin - one, box.ymin - one, box.xmax, box.ymax)
                 from_one += [min(box.xmin, box.ymin) >= 1] * (not one)
-                difficult += each.difficult
-                beside = {"difficult": int(each.difficult)}
+                difficult += entry.difficult
                 targets += selection.target(
-                    each.name, corners, size_px, picture=found[name], crowd=each.difficult, annotation=beside
+                    entry.name,
+                    corners,
+                    size_px,
+                    picture=picture_of[name],
+                    crowd=entry.difficult,
+                    annotation={"difficult": int(entry.difficult)},
                 )
-            entries.append(Listed(found[name], tuple(targets), size_px=size_px))
-        notes = pictures.notes(own if whole else files)
-        litter = len(xmls) - len(own) if whole else 0
-        notes += [f"files of macOS (._NAME), which are no labels, left out: {litter}"] * bool(litter)
-        notes += [f"difficult objects, which are neither missed nor wrong: {difficult}"] * bool(difficult)
-        notes += _counted_from(list(read.values()), from_one)
-        return selection.picture_set(
-            entries, {label: n for n, label in enumerate(sorted(known), start=1)}, notes
-        )
+            entries.append(Listed(picture_of[name], tuple(targets), size_px=size_px))
+        pictures.note(selection, len(files))
+        litter = len(xmls) - len(labels_only) if whole else 0
+        selection.note("files of macOS (._NAME), which are no labels, left out", litter)
+        selection.note("difficult objects, which are neither missed nor wrong", difficult)
+        selection.notes += _counted_from(list(read.values()), from_one)
+        return selection.picture_set(entries)
 
 
 def _counted_from(read: Sequence[_Annotation], from_one: Sequence[bool]) -> list[str]:
@@ -205,15 +204,13 @@ class _Pictures:
         found = [name for name in among if posixpath.dirname(name) in near] or list(among)
         return found[0] if len(found) == 1 else None
 
-    def notes(self, xmls: Sequence[str]) -> list[str]:
-        """Pictures whose XML names another one, and pictures without XML beside those with it."""
+    def note(self, selection: Selection, n_files: int) -> None:
+        """Note pictures whose XML names another one, and pictures without XML in a folder of some with it."""
         folders = {posixpath.dirname(name) for name in self._used}
         without = sum(posixpath.dirname(name) in folders for name in self._names - self._used)
-        said = {
-            "XML files that name another picture than the one with their own name, which is used": self._other,
-            "pictures without an XML file, left out": without if len(xmls) > 1 else 0,
-        }
-        return [f"{text}: {count}" for text, count in said.items() if count]
+        text = "XML files that name another picture than the one with their own name, which is used"
+        selection.note(text, self._other)
+        selection.note("pictures without an XML file, left out", without if n_files > 1 else 0)
 
 
 def _stem(name: str) -> str:

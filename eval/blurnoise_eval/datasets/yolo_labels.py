@@ -93,9 +93,8 @@ def yolo(
     selection = Selection("yolo", path, images, labels, keep_empty, "centre x, y, width, height")
     with faults_of("labels", selection.file):
         root, described = _described(selection.file)
-        sources, notes = ([selection.folder], []) if images else _sources(root, described, split)
-        selection.folder, names, said = _pictures(sources)
-        notes += said
+        sources = [selection.folder] if images else _sources(root, described, split, selection)
+        selection.folder, names = _pictures(sources, selection)
         read = partial(_objects, classes=described.names)
         objects = for_each(_beside(selection.folder, names), read)
         objects = objects or for_each(_by_stem(root, names) if images else {}, read)
@@ -114,17 +113,14 @@ def yolo(
                 targets += selection.target(label, tuple(corners.tolist()), sizes[name])
             entries.append(Listed(name, tuple(targets)))
         categories = {name: class_id + 1 for class_id, name in described.names.items()}
-        counts = {
-            "rows that occur before in their file, left out as Ultralytics does": sum(
-                each.repeated for each in objects.values()
-            ),
-            "pictures without a label file, used as pictures without objects": len(names) - len(objects),
-        }
-        notes += [f"{text}: {count}" for text, count in counts.items() if count]
-        notes += shared_names(described.names.values())
-        if doubt := _box_doubt([row for each in objects.values() for row in each.rows]):
-            notes.append(f"{DOUBTFUL_LABELS}{doubt}")
-        return selection.picture_set(entries, categories, notes, len(names) - len(objects))
+        rows = [row for of_picture in objects.values() for row in of_picture.rows]
+        repeated, unlabelled = sum(each.repeated for each in objects.values()), len(names) - len(objects)
+        selection.note("rows that occur before in their file, left out as Ultralytics does", repeated)
+        selection.note("pictures without a label file, used as pictures without objects", unlabelled)
+        selection.notes += shared_names(described.names.values())
+        if doubt := _box_doubt(rows):
+            selection.notes.append(f"{DOUBTFUL_LABELS}{doubt}")
+        return selection.picture_set(entries, categories, unlabelled)
 
 
 def _described(path: Location) -> tuple[Location, _DataYaml]:
@@ -169,21 +165,22 @@ def _darknet(root: Location, file: Location) -> _DataYaml:
     return _DataYaml.model_validate({"names": names, **lists})
 
 
-def _sources(root: Location, described: _DataYaml, split: str | None) -> tuple[list[Location], list[str]]:
-    """Folders of pictures, and lists of them (.txt); and notes."""
+def _sources(root: Location, described: _DataYaml, split: str | None, selection: Selection) -> list[Location]:
+    """Folders of pictures, and lists of them (.txt)."""
     stated = described.model_extra or {}
     if split is None:
         split = next((key for key in _SPLITS if stated.get(key)), None) or next(
             (key for key, value in stated.items() if isinstance(value, str) and value.endswith(".txt")), None
         )
     if split is None:
-        return [root / "images" if (root / "images").is_dir() else root], []
-    found = stated.get(split)
-    entries = found if isinstance(found, list) else [found]
+        return [root / "images" if (root / "images").is_dir() else root]
+    value = stated.get(split)
+    entries = value if isinstance(value, list) else [value]
     if not entries or not all(isinstance(entry, str) for entry in entries):
-        raise ValueError(f"split {split!r} = {shown(found)}: must be folders or lists of pictures (.txt)")
+        raise ValueError(f"split {split!r} = {shown(value)}: must be folders or lists of pictures (.txt)")
     places = [_existing(root, described.path, str(entry)) for entry in entries]
-    return [place for place, _ in places], [note for _, note in places if note]
+    selection.notes += [note for _, note in places if note]
+    return [place for place, _ in places]
 
 
 def _existing(root: Location, folder: str, entry: str) -> tuple[Location, str]:
@@ -208,24 +205,24 @@ def _existing(root: Location, folder: str, entry: str) -> tuple[Location, str]:
     raise ValueError(f"{str(root / below)!r}: no such folder or list of pictures")
 
 
-def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str], list[str]]:
-    """The folder that holds all sources, the names of their pictures in it, and notes."""
-    listed, notes = [], list[str]()
+def _pictures(sources: Iterable[Location], selection: Selection) -> tuple[Location, list[str]]:
+    """The folder that holds all sources, and the names of their pictures in it."""
+    listed = []
     for source in sources:
         if source.suffix == ".txt" and source.is_file():
             with faults_of("list", source):
-                names, said = _of_a_list(read_text(source, LARGEST_SET_BYTES), source.parent)
+                names, notes = _of_a_list(read_text(source, LARGEST_SET_BYTES), source.parent)
         else:
-            found, said = pictures_below(source)
-            names = list(found)
+            versions, notes = pictures_below(source)
+            names = list(versions)
         listed.append((source.parent if source.suffix == ".txt" else source, names))
-        notes += said
+        selection.notes += notes
     folder = listed[0][0]
     while any(source.parts[: len(folder.parts)] != folder.parts for source, _ in listed):
         folder = folder.parent
     below = len(folder.parts)
-    names = ["/".join((*source.parts[below:], name)) for source, each_name in listed for name in each_name]
-    return folder, names, notes
+    names = ["/".join((*source.parts[below:], name)) for source, of_source in listed for name in of_source]
+    return folder, names
 
 
 def _of_a_list(content: str, folder: Location) -> tuple[list[str], list[str]]:
