@@ -81,11 +81,11 @@ def bdd(
         frames = document.get("frames") if isinstance(document, dict) else document
         config = document.get("config") if isinstance(document, dict) else None
         common = checked(_Config, config, "config").image_size if isinstance(config, dict) else None
-        every = list(each(frames, "frames", _Frame))
-        sized = bool(every) and all(frame.size or common for frame in every)
-        names = selection.names(_names(every, selection), sized=sized)
+        checked_frames = list(each(frames, "frames", _Frame))
+        sized = bool(checked_frames) and all(frame.size or common for frame in checked_frames)
+        names = selection.names(_names(checked_frames, selection), sized=sized)
         entries: list[Listed] = []
-        for index, (name, frame) in enumerate(zip(names, every, strict=True)):
+        for index, (name, frame) in enumerate(zip(names, checked_frames, strict=True)):
             targets: list[Target] = []
             size = frame.size or common
             for label in frame.labels or ():

@@ -92,17 +92,17 @@ def coco(
         }
         used: set[int] = set()
         repeated = ignored = 0
-        for place, entry in enumerate(each(document.annotations, "annotations", _Annotation)):
+        for index, entry in enumerate(each(document.annotations, "annotations", _Annotation)):
             if entry.category_id not in names:
                 span = f"{min(names)} to {max(names)}" if names else "none"
                 known = f"category_id = {entry.category_id}: must be the id of a category ({span})"
-                raise ValueError(f"annotations[{place}]: {known}")
+                raise ValueError(f"annotations[{index}]: {known}")
             if entry.image_id not in listed:
                 selection.leave_out("of pictures that are not in images")
                 continue
-            stated = document.annotations[place]
-            annotation = {key: value for key, value in stated.items() if key not in _READ}
-            number = stated.get("id")
+            written = document.annotations[index]
+            annotation = {key: value for key, value in written.items() if key not in _READ}
+            number = written.get("id")
             if type(number) is int and 0 < number < LARGEST_ID:  # for COCO's tools 0 is none
                 if number in used:
                     repeated += 1

@@ -136,8 +136,12 @@ class Selection:
         """
         if categories is None:
             categories = {label: number for number, label in enumerate(sorted(self._seen), start=1)}
-        every = self._keep_empty or not self._labels
-        used = [entry for entry in entries if every or not all(each.crowd for each in entry.targets or ())]
+        all_pictures = self._keep_empty or not self._labels
+        used = [
+            entry
+            for entry in entries
+            if all_pictures or not all(target.crowd for target in entry.targets or ())
+        ]
         if unknown := [label for label in self._labels if label not in categories]:
             raise ValueError(f"target = {unknown}: must be among the categories {sorted(categories)}")
         if not used:

@@ -114,7 +114,7 @@ def yolo(
             entries.append(Listed(name, tuple(targets)))
         categories = {name: class_id + 1 for class_id, name in described.names.items()}
         rows = [row for of_picture in objects.values() for row in of_picture.rows]
-        repeated, unlabelled = sum(each.repeated for each in objects.values()), len(names) - len(objects)
+        repeated, unlabelled = sum(file.repeated for file in objects.values()), len(names) - len(objects)
         selection.note("rows that occur before in their file, left out as Ultralytics does", repeated)
         selection.note("pictures without a label file, used as pictures without objects", unlabelled)
         selection.notes += shared_names(described.names.values())
@@ -167,20 +167,20 @@ def _darknet(root: Location, file: Location) -> _DataYaml:
 
 def _sources(root: Location, described: _DataYaml, split: str | None, selection: Selection) -> list[Location]:
     """Folders of pictures, and lists of them (.txt)."""
-    stated = described.model_extra or {}
+    splits = described.model_extra or {}
     if split is None:
-        split = next((key for key in _SPLITS if stated.get(key)), None) or next(
-            (key for key, value in stated.items() if isinstance(value, str) and value.endswith(".txt")), None
+        split = next((key for key in _SPLITS if splits.get(key)), None) or next(
+            (key for key, value in splits.items() if isinstance(value, str) and value.endswith(".txt")), None
         )
     if split is None:
         return [root / "images" if (root / "images").is_dir() else root]
-    value = stated.get(split)
+    value = splits.get(split)
     entries = value if isinstance(value, list) else [value]
     if not entries or not all(isinstance(entry, str) for entry in entries):
         raise ValueError(f"split {split!r} = {shown(value)}: must be folders or lists of pictures (.txt)")
-    places = [_existing(root, described.path, str(entry)) for entry in entries]
-    selection.notes += [note for _, note in places if note]
-    return [place for place, _ in places]
+    resolved = [_existing(root, described.path, str(entry)) for entry in entries]
+    selection.notes += [note for _, note in resolved if note]
+    return [source for source, _ in resolved]
 
 
 def _existing(root: Location, folder: str, entry: str) -> tuple[Location, str]:
@@ -194,10 +194,10 @@ def _existing(root: Location, folder: str, entry: str) -> tuple[Location, str]:
     leaves = below.partition("/")[0] == ".."
     paths = ends(posixpath.normpath(posixpath.join(folder, entry)))
     for name in [below] * (not leaves) + paths:
-        place: Location = root if name == "." else root / name
-        with explained(place):
-            if place.exists():
-                return place, "" if name == below else f"{entry!r} is read as {name!r}"
+        candidate: Location = root if name == "." else root / name
+        with explained(candidate):
+            if candidate.exists():
+                return candidate, "" if name == below else f"{entry!r} is read as {name!r}"
     if leaves:
         raise ValueError(
             f"{entry!r} leaves the folder {str(root)!r}; set images to the folder of the pictures"
@@ -228,16 +228,18 @@ def _pictures(sources: Iterable[Location], selection: Selection) -> tuple[Locati
 def _of_a_list(content: str, folder: Location) -> tuple[list[str], list[str]]:
     """Names in the list's folder, by the ends of their paths where they are not there, as CVAT's data/obj_train_data;
     and notes. A fault names the line."""
-    every, places = frozenset(listing(folder)), Places(folder)
+    files, resolver = frozenset(listing(folder)), Places(folder)
 
     def name(line: str) -> str:
         path = line.strip().replace("\\", "/").removeprefix("./")
-        found = [] if path in every else [end for end in ends(path) if end in every]
+        matches = [] if path in files else [end for end in ends(path) if end in files]
         return (
-            found[0] if len(found) == 1 and not path.startswith(("/", "../")) else places.name(line.strip())
+            matches[0]
+            if len(matches) == 1 and not path.startswith(("/", "../"))
+            else resolver.name(line.strip())
         )
 
-    return list(each_line(content, name)), places.notes
+    return list(each_line(content, name)), resolver.notes
 
 
 def _beside(folder: Location, names: Sequence[str]) -> dict[str, Location]:
@@ -249,11 +251,11 @@ def _beside(folder: Location, names: Sequence[str]) -> dict[str, Location]:
 
 def _by_stem(root: Location, names: Sequence[str]) -> dict[str, Location]:
     """The only label files of the pictures' names in the data set; the pictures are elsewhere."""
-    found = defaultdict[str, list[str]](list)
+    by_stem = defaultdict[str, list[str]](list)
     for name in listing(root):
         if name.endswith(".txt") and not is_litter(name):
-            found[PurePosixPath(name).stem].append(name)
-    stems = {name: found[Path(name).stem] for name in names}
+            by_stem[PurePosixPath(name).stem].append(name)
+    stems = {name: by_stem[Path(name).stem] for name in names}
     return {name: root / files[0] for name, files in stems.items() if len(files) == 1}
 
 
@@ -261,8 +263,8 @@ def _label_folder(folder: Location) -> Location:
     """Where the labels of a folder of pictures are: its labels/ for the last images/, else the folder."""
     for above in (folder, *folder.parents):
         if above.name == "images":
-            beside: Location = above.parent.joinpath("labels", *folder.parts[len(above.parts) :])
-            return beside if beside.is_dir() else folder
+            labels: Location = above.parent.joinpath("labels", *folder.parts[len(above.parts) :])
+            return labels if labels.is_dir() else folder
     return folder
 
 
