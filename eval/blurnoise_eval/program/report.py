@@ -53,7 +53,7 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
     yield from paragraph(f"Stages (the time rises first, then the gain): {'; '.join(stages)}.", prose)
     yield from paragraph(brightest(program), prose)
     yield from paragraph(
-        f"Speeds and targets: {problem.scenario.text}. ExposureLimits: {', '.join(problem.limits.words)}. The gain of "
+        f"Speeds and targets: {problem.scenario.text}. Limits: {', '.join(problem.limits.words)}. The gain of "
         f"{inputs.metering.camera.name} meters to 18 % of full scale; the pictures have "
         f"{100 * inputs.metering.mean_light:.1f} % of white on average.",
         prose,
