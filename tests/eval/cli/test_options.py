@@ -14,7 +14,7 @@ from blurnoise_eval.plan.axes import AXES, axis
 from blurnoise_eval.plan.files import PlanFile, SceneFile
 from blurnoise_eval.plan.question import Question
 
-MOST = {"sweep": 27, "decide": 21, "simulate": 25, "measure": 19}
+MOST_BESIDE_AXES = {"sweep": 17, "simulate": 15}
 
 
 class Asked(Exception):
@@ -76,14 +76,14 @@ def test_help_is_light():
 
 @pytest.mark.parametrize("each", AXES, ids=lambda axis: axis.name)
 def test_every_axis_has_its_option_and_its_setting(monkeypatch, each):
-    text = ",".join(each.choices[::-1]) or "9,7"
-    words = [each.option, text] + ["--dx", "0"] * (each.name == "ego_speed_m_s")
-    asked = planned(monkeypatch, *words).plan.grid[each.name]
+    larger, smaller = min(9.0, 0.9 * each.shown(each.high)), min(7.0, 0.7 * each.shown(each.high))
+    text = ",".join(each.choices[::-1]) or f"{larger},{smaller}"
+    asked = planned(monkeypatch, each.option, text).plan.grid[each.name]
     if each.choices:
         assert asked == tuple(range(len(each.choices)))
     else:
-        assert asked == pytest.approx((7 * each.per_option, 9 * each.per_option), rel=1e-15)
-        assert PlanFile.of({each.key: [9, 7.0]}).plan.grid[each.name] == asked
+        assert asked == pytest.approx((smaller * each.per_option, larger * each.per_option), rel=1e-15)
+        assert PlanFile.of({each.key: [larger, smaller]}).plan.grid[each.name] == asked
     assert each.key in SceneFile.settings()
 
 
