@@ -10,19 +10,21 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import chain
 from operator import itemgetter
 from typing import Any
 
 from blurnoise.camera import Camera
-from blurnoise.scene.scene import Exposure
-from blurnoise_eval.plan.axes import AUTOMATIC, EXPOSURE, NAMES, axis
-from blurnoise_eval.plan.conditions import Conditions
+from blurnoise.scene.exposure import Exposure
+from blurnoise_eval.plan.axes import AUTOMATIC, CORE, EXPOSURE, NAMES, axis
+from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.documents import check_files, validated
 from blurnoise_eval.run.search_space import SearchSpace
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.rows import CellRow
 from blurnoise_eval.store.store import Store, StoreError
 
 Place = tuple[float, float]
@@ -150,6 +152,20 @@ class Setup:
         """The exposure under the conditions of a row, which is not of an original picture."""
         conditions = Conditions(**{name: at[name] for name in NAMES})
         return conditions.exposure(self.camera, vehicle=self.plan.vehicle)
+
+    def cell_of(self, row: CellRow) -> Cell:
+        """The cell of a row, which is not of an original picture.
+
+        Raises ``ValueError`` where no condition of the plan has its id.
+        """
+        # an id is made of the axes that a plan names: those of the grid, or of what was chosen later
+        names = {*CORE, *self.grid}
+        of_grid = [Conditions(**{name: row.conditions[name] for name in names})] if self.grid else []
+        for at in chain(of_grid, *(batch.conditions for batch in self.batches)):
+            cell = Cell(row.image, row.repeat, at, row.seed)
+            if cell.cell_id == row.cell_id:
+                return cell
+        raise ValueError(f"cell = {row.cell_id!r}: its conditions are not in the plan of the run")
 
     def missing_cells(self, store: Store) -> int:
         """How many of the plan's cells are not computed yet, those of skipped pictures apart."""
