@@ -29,10 +29,8 @@ OF_THE_WHOLE_TREE = {
 LONGEST_LINES = 450
 MOST_PARAMETERS = 10
 WITH_MORE_PARAMETERS = {
-    "blurnoise.scene.scene.simulate",  # a keyword for each condition, for those who know no record yet
-    "blurnoise.scene.plan.plan",
+    "blurnoise.scene.simulate.simulate",  # a keyword for each condition, for those who know no record yet
     "blurnoise.training.pictures.expose_pictures",
-    "blurnoise_eval.run.evaluation.evaluate",
 }
 """Functions that may have more; commands may, too: their parameters are the arguments and options of the command."""
 
