@@ -18,6 +18,7 @@ from blurnoise._core.checks import LIMITS, an_instance, image_batch, in_range, s
 from blurnoise.camera import Camera
 from blurnoise.camera.captures import Capture, factors, windows
 from blurnoise.camera.colour import Encoding
+from blurnoise.camera.figures import WELL_E
 from blurnoise.camera.spectra import Curve
 from blurnoise.picture import steps
 from blurnoise.picture.steps import Development
@@ -66,7 +67,7 @@ def developed(
     an_instance("camera", camera, Camera)
     least = _LEAST_WHITE_E if isinstance(white_e, Tensor) else in_range("white_e", white_e, 0.0, above=True)
     picture = electrons / torch.as_tensor(white_e).to(electrons).clamp_min(least).view(-1, 1, 1, 1)
-    at = Development(camera.with_figures(full_well_e=LIMITS["full_well_e"].high), 0.0, encoding, illuminant)
+    at = Development(camera.with_figures(full_well_e=WELL_E.high), 0.0, encoding, illuminant)
     for step in steps.active(camera):
         if step is not steps.BLACK_LEVEL:
             picture = step.apply(picture, at)
