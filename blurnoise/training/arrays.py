@@ -68,7 +68,7 @@ def labels_numpy(
     >>> from blurnoise import labels_numpy
     >>> at = {"exposure_s": 0.01, "speed_px_s": 1000.0}
     >>> labels_numpy((240, 320), "ar0237", keypoints=np.array([[160.0, 10.0]]), **at).keypoints.round(1)
-    array([[148.8,  10. ]])
+    array([[152.4,  10. ]])
     """
     axes, size = _axes_of(shape)
     by = list(of_targets(axes[0] if axes else 1, camera, **_masked(conditions)))

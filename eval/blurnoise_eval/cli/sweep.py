@@ -49,14 +49,13 @@ def computed(config: PlanFile, output: Location, as_json: bool, strategy: str) -
     with written_run(output) as folder:
         done = evaluate(
             models,
-            pictures,
+            pictures.part(config.part) if config.part else pictures,
             camera,
             config.plan,
             config.question,
             replace(folder, command=inputs.command()),
             strategy=strategy,
             engine=engine,
-            part=config.part,
             progress=True,
         )
         print_run(done, as_json=as_json, about_camera=about_camera)

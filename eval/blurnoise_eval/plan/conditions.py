@@ -7,7 +7,6 @@ share their seed, so they see the same noise field and differ by physics, not by
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -174,30 +173,6 @@ def cell_seed(base_seed: int, image: str, repeat: int) -> int:
     """The seed of a picture's noise field: a hash, so that neither order nor number of pictures matters."""
     digest = hashlib.blake2b(repr((base_seed, image, repeat)).encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") >> 1
-
-
-@dataclass(frozen=True)
-class Part:
-    """The ``number``th of ``count`` parts of a set of pictures, from 1 on: the same on every machine."""
-
-    number: int
-    count: int
-
-    @classmethod
-    def parse(cls, text: str) -> Part:
-        """Of "1/4". Raises ``ValueError`` for anything else."""
-        found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
-        if not found or not 1 <= int(found[1]) <= int(found[2]):
-            raise ValueError(f"part = {text!r}: must be K/N with 1 <= K <= N, such as 1/4")
-        return cls(int(found[1]), int(found[2]))
-
-    def __str__(self) -> str:
-        return f"{self.number}/{self.count}"
-
-    def has(self, picture: str) -> bool:
-        """Whether a picture of this name belongs to it, by the name's hash."""
-        digest = hashlib.blake2b(picture.encode("utf-8", "surrogatepass"), digest_size=8).digest()
-        return int.from_bytes(digest, "little") % self.count == self.number - 1
 
 
 def reflectance_text(anchor: str | None, setting: str) -> str:
