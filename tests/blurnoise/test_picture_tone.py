@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from blurnoise import Camera, ExposedScene, RandomExposure, simulate
+from blurnoise import Camera, RandomExposure, Scene, simulate
 from blurnoise.camera.colour import toned, untoned
 
 LIGHT = np.linspace(0.0, 1.0, 201)
@@ -38,7 +38,7 @@ def test_a_pictures_light_is_that_of_its_curve(name, coded):
     values = torch.from_numpy(coded(LIGHT))
     assert np.abs(untoned(values, name).numpy() - LIGHT).max() < 1e-7
     picture = np.rint(255 * coded(LIGHT)).astype(np.uint8).reshape(3, 67, 1).repeat(3, 2)
-    seen = ExposedScene.of_picture(picture, encoding=name).light[0, 0].flatten().numpy()
+    seen = Scene.of_picture(picture, encoding=name).light[0, 0].flatten().numpy()
     assert np.abs(coded(seen) - coded(LIGHT)).max() < 0.51 / 255
     given: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 60.0, "noise": False, "quantised": False}
     camera = Camera.preset("imx250")
@@ -77,6 +77,6 @@ def test_training_pictures_leave_their_curve_and_get_the_cameras():
     image = torch.full((1, 3, 100, 100), float(filmic(np.array(0.2))))
     white = {"exposure_s": (0.01, 0.01), "illuminance_lux": (155.0, 155.0), "speed_px_s": (0.0, 0.0)}
     seen = RandomExposure(camera, encoding="filmic", p=1.0, **white)(image)
-    electrons = 0.2 * 155.0 * 0.01 * 6906.0  # of the preset, tests/blurnoise/test_camera.py
+    electrons = 0.2 * 155.0 * 0.01 * 6906.0  # of the preset, tests/blurnoise/camera/test_camera_files.py
     share = electrons * camera.sensor.system_gain_dn_per_e / (4095 - camera.sensor.black_level_dn)
     assert float(seen.mean()) == pytest.approx(np.interp(share, [0, 0.25, 1], [0, 0.6, 1]), abs=2e-3)

@@ -14,8 +14,8 @@ from contextlib import closing
 from pathlib import Path
 
 from blurnoise_eval.datasets import rendered_signs
+from blurnoise_eval.plan.axes import NAMES
 from blurnoise_eval.run.evaluation import evaluate
-from blurnoise_eval.store import schema
 from plans import plan
 from signs_in_memory import CAMERA
 
@@ -358,7 +358,7 @@ READ = {
         "question",
         json.dumps(
             {
-                "grid": {name: [float(n) for n in range(1, 900)] for name in schema.CONDITIONS[1:5]},
+                "grid": {name: [float(n) for n in range(1, 900)] for name in NAMES[:4]},
                 "because": [],
             }
         ),

@@ -10,9 +10,13 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import average_curve, averages, recommendations
 from blurnoise_eval.answers.table import ORDER, ScoreTable
-from blurnoise_eval.plan.axes import SETTING
+from blurnoise_eval.plan.axes import FURTHER, SETTING
 from blurnoise_eval.report.run import RunData
+from blurnoise_eval.store.columns import AxisValues
+from blurnoise_eval.store.rows import Example, LabelledBox
 from numpy.typing import NDArray
+from plans import OWN
+from stored_rows import answer, cell
 
 EXPOSURES_S = (0.001, 0.004, 0.016, 0.064)
 THRESHOLD = 0.6
@@ -48,8 +52,8 @@ def made_run(
     moves=(0.0,),
 ):
     """``groups`` gives the best confidence of each target group, which model k reaches to 1 - k/5."""
-    axes = {"illuminance_lux": lights_lux, "temperature_c": temperatures_c, "f_number": f_numbers}
-    axes |= {"defocus_radius_px": (0.0,), "gain_db": (0.0,), "moves": moves, "ego_speed_m_s": (0.0,)}
+    varied = {"temperature_c": temperatures_c, "f_number": f_numbers, "moves": moves}
+    axes = {"illuminance_lux": lights_lux, **{name: varied.get(name, (OWN[name],)) for name in FURTHER}}
     axes |= {"velocity_x_px_s": speeds, "velocity_y_px_s": (0.0,), "exposure_s": exposures_s}
     conditions = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
     exposed = [
@@ -134,21 +138,30 @@ def _summary(model, kind, k, scored):
 
 def _example(folder, index, model, kind, at, best_of):
     text = "STOP" if kind == "reader" else None
-    targets: list[Row] = []
+    targets = []
     for k, best in enumerate(list(best_of.values())[:3]):
-        box, value = [40 + 150 * k, 60, 140 + 150 * k, 160], best if at["clean"] else confidence(at, best)
-        targets.append({"box_xyxy": box, "label": "stop sign", "confidence": value, "text": text})
-    detections = [
-        {"box_xyxy": t["box_xyxy"], "score": t["confidence"], "label": "stop sign"} for t in targets
-    ]
-    detections.append({"box_xyxy": [300, 200, 380, 290], "score": 0.41, "label": "kite"})
+        box = {
+            "x0": 40 + 150 * k,
+            "y0": 60,
+            "x1": 140 + 150 * k,
+            "y1": 160,
+            "width_px": 100,
+            "height_px": 100,
+        }
+        value = best if at["clean"] else confidence(at, best)
+        targets.append(answer(k, **box, confidence=value, text=text))
+    detections = [LabelledBox(target.box_xyxy, target.confidence, "stop sign") for target in targets]
+    detections.append(LabelledBox((300, 200, 380, 290), 0.41, "kite"))
     path = folder / "examples" / f"example {index}.png"
     path.parent.mkdir(parents=True, exist_ok=True)
     image: NDArray[np.uint8] = np.full((320, 480, 3), 90, np.uint8)
     cv2.circle(image, (90, 110), 50, (40, 40, 200), -1)
     cv2.imwrite(str(path), image)
-    facts = {"path": str(path), "image": "chart.png", "model": model, "error": None, "targets": targets}
-    return facts | {"detections": detections if kind == "detector" else []} | at
+    conditions = AxisValues.of(at)
+    of = cell(
+        str(index), targets, conditions=conditions, blur_px=at["blur_px"], image="chart.png", model=model
+    )
+    return Example(of.cell, path, tuple(detections if kind == "detector" else ()), tuple(targets))
 
 
 def _manifest(models, kind, n_conditions):

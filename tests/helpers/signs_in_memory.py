@@ -65,16 +65,17 @@ def everything(run):
     if isinstance(run, Path):
         with Store(run) as store:
             return everything(store)
-    cells = [{key: value for key, value in cell.items() if key not in _TIMES} for cell in run.cells()]
-    found = [run.detections(cell["cell_id"], cell["model"]) for cell in cells]
+    rows = list(run.cells())
+    cells = [{key: value for key, value in row.stored().items() if key not in _TIMES} for row in rows]
+    found = [run.detections(row.cell_id, row.model) for row in rows]
     boxes = [(each.boxes_xyxy.tobytes(), each.scores.tobytes(), each.class_ids.tobytes()) for each in found]
     kept = {path.name: path.read_bytes() for path in (run.folder / "examples").glob("*.png")}
-    return [cells, list(run.targets()), boxes, run.skipped(), kept]
+    return [cells, [row.stored() for row in run.targets()], boxes, run.skipped(), kept]
 
 
 def timeless(results):
     return [
-        [{k: v for k, v in result.cell.items() if not k.endswith("_ms")}, result.targets, result.example_png]
+        [replace(result.cell, simulate_ms=None, infer_ms=None), result.targets, result.example_png]
         + [part.tobytes() for part in (result.detections.boxes_xyxy, result.detections.scores)]
         for result in results
     ]

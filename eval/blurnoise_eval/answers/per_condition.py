@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby
 from typing import Any, NamedTuple
 
@@ -16,18 +17,13 @@ from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.scores import of_conditions
 from blurnoise_eval.scoring.uncertainty import MOST_CLUSTERS, Array, Estimate, columns
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.queries import TargetColumns, target_columns
-from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.store.rows import ScoreRow
 from blurnoise_eval.store.store import Store
 
-COUNTS = ("n_pictures", "n_targets", "errors")
-PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated_share", "inpainted_share")
-"""Means over the pictures of a condition; None of the original ones."""
-OF_LAMPS = ("missed_pulse_share",)
-"""Another, of runs with a pulsed lamp: how many pictures miss it."""
-
-Moves = Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]
-"""Where the conditions of a row have moved the truth's boxes, and what these sweep."""
+Moves = Callable[[AxisValues], tuple[MoveBoxes | None, MoveBoxes | None]]
+"""Where conditions have moved the truth's boxes, and what these sweep."""
 Sums = dict[str, tuple[Array, Array]]
 """Sums and numbers per cluster, by column."""
 
@@ -43,11 +39,11 @@ class Scored(NamedTuple):
 
 
 class Condition(NamedTuple):
-    """One condition of a model: its counts and means; these with the exposure that the camera has set, on average;
-    and its targets' scores."""
+    """One condition of a model: its row without scores, its values on the axes with the mean exposure where the
+    camera sets it, and the scores of its targets."""
 
-    counted: dict[str, Any]
-    as_set: dict[str, Any]
+    row: ScoreRow
+    as_set: AxisValues
     sums: Sums
 
 
@@ -57,9 +53,14 @@ def conditions_of(
     """All conditions, model by model, the original pictures first."""
     for model in models:
         every = _sums(target_columns(store, model), clusters)
-        counted = [row for row in queries.condition_counts(store, model) if row["clean"] or not original_only]
-        for row, as_set in zip(counted, queries.as_set(store, counted), strict=True):
-            yield Condition(row, as_set, every.get(tuple(row[name] for name in CONDITIONS), {}))
+        counted = [
+            row
+            for row in queries.condition_counts(store, model)
+            if row.conditions.original or not original_only
+        ]
+        as_set = queries.as_set(store, [row.conditions for row in counted])
+        for row, conditions in zip(counted, as_set, strict=True):
+            yield Condition(row, conditions, every.get(row.conditions, {}))
 
 
 def scored(
@@ -78,14 +79,13 @@ def scored(
     by nothing.
     """
     of_sizes = next((score.by_size for score in of_conditions() if score.name == by_size), None)
-    for model, every in groupby(conditions, key=lambda each: str(each.counted["model"])):
+    for model, every in groupby(conditions, key=lambda each: each.row.model):
         truth = truth_of(model)
         for row, as_set, sums in every:
-            boxes = (None, None) if row["clean"] else moves(as_set)
-            answers = NO_ANSWERS if truth is None else queries.answers_at(store, model, row)
+            boxes = (None, None) if as_set.original else moves(as_set)
+            answers = NO_ANSWERS if truth is None else queries.answers_at(store, model, row.conditions)
             evaluated = Evaluated(sums, truth or NO_TRUTH, answers, *boxes, clusters)
-            found = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
-            found |= {name: as_set[name] for name in OF_LAMPS if name in as_set}
+            found = replace(row, conditions=as_set).stored()
             for score in of_conditions():
                 found |= columns(score.estimate(evaluated), score.name, score.most)
             performance = evaluated.mean("exact_match") if truth is None else evaluated.average()
@@ -101,7 +101,7 @@ def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:
     }
 
 
-def _sums(rows: TargetColumns, clusters: Mapping[str, int]) -> dict[tuple[Any, ...], Sums]:
+def _sums(rows: TargetColumns, clusters: Mapping[str, int]) -> dict[AxisValues, Sums]:
     """Of scores of targets and readings, by condition."""
     shape = len(rows.conditions), 1 + max(clusters.values(), default=0)
     numbers = np.array([clusters[name] for name in rows.pictures], np.int64)

@@ -116,5 +116,5 @@ def _write(catalogue: Catalogue, state: State, output: Path, as_json: bool) -> N
     if rendered.found is not None:
         counted = rendered.found.counted
         facts["confidence"] = mean_confidence(counted) if counted.targets else None
-        facts["confidences"] = [float(row["confidence"]) for row in counted.targets]
+        facts["confidences"] = [row.confidence for row in counted.targets]
     print_facts(facts, as_json)

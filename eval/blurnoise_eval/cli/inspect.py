@@ -124,9 +124,9 @@ def inspect(
 def _pictures(probe: Location) -> tuple[Pictures, tuple[str, ...]]:
     """The picture, or up to 32 pictures of a folder or of labels; and notes about them. Raises ``ValueError`` where
     none can be read."""
+    from blurnoise_eval.contracts.comparison import MOST_PICTURES
     from blurnoise_eval.datasets import eight_bit, image_folder, picture_doubts, read_picture, sample
     from blurnoise_eval.label_formats import SUFFIXES, format_of
-    from blurnoise_eval.run.contract_checks import MOST_PICTURES
 
     labelled = probe.suffix.lower() in SUFFIXES
     if not labelled and not (isinstance(probe, Path) and probe.is_dir()):
@@ -141,10 +141,10 @@ def _pictures(probe: Location) -> tuple[Pictures, tuple[str, ...]]:
 
 def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple[Detector, dict[str, Any]]:
     """The detector, and facts about its contract."""
+    from blurnoise_eval.contracts.comparison import compared, output_problems
     from blurnoise_eval.detectors.contract_files import contract_option
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.recognition import drawn_picture
-    from blurnoise_eval.run.contract_checks import compared, output_problems
 
     detector = Detector(model, contract=contract)
     source = detector.contract.sources["family"]
@@ -171,22 +171,20 @@ def _found(
     from blurnoise_eval.datasets import write_picture
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.plots.annotate import drawn_example
+    from blurnoise_eval.store.rows import LabelledBox
 
     if not isinstance(network, Detector):
         reading = network.read(picture, [(0, 0, picture.shape[1], picture.shape[0])])[0]
         return {"image": str(path), "text": reading.text, "score": reading.confidence}
     answers = network.detect(picture).leading
-    rows = [
-        {"label": network.contract.classes[number], "score": float(score), "box_xyxy": box.tolist()}
-        for box, score, number in zip(answers.boxes_xyxy, answers.scores, answers.class_ids, strict=True)
-    ]
-    shown = [row for row in rows if row["score"] >= DRAWN_SCORE]
-    example = {"path": path, "detections": shown, "targets": []}
-    drawn = drawn_example(example, max(picture.shape[:2]), DRAWN_SCORE)
+    found = zip(answers.boxes_xyxy.tolist(), answers.scores.tolist(), answers.class_ids.tolist(), strict=True)
+    boxes = [LabelledBox(tuple(box), score, network.contract.classes[number]) for box, score, number in found]
+    shown = [box for box in boxes if box.score >= DRAWN_SCORE]
+    drawn = drawn_example(Path(str(path)), shown, [], max(picture.shape[:2]), DRAWN_SCORE)
     write_picture(output, picture if drawn is None else drawn)
-    detections = [{"class": row.pop("label"), **row} for row in shown]
+    detections = [{"class": box.label, "score": box.score, "box_xyxy": [*box.box_xyxy]} for box in shown]
     return {
-        "image": str(path), "output": str(output), "detections": detections, "weaker": len(rows) - len(shown),
+        "image": str(path), "output": str(output), "detections": detections, "weaker": len(boxes) - len(shown),
     }  # fmt: skip
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, suppress
-from pathlib import Path
+from contextlib import ExitStack
 from typing import Annotated
 
 from typer import Argument
@@ -27,16 +26,12 @@ def merge(
       blurnoise merge part1 part2 -o run
       blurnoise report run
 
-    The parts must belong to the same sweep. If they do not, the error names the difference.
+    The parts must belong to the same sweep. If they do not, the error names the difference. The same command again,
+    or with more parts, goes on in the folder.
     """
     from blurnoise_eval.run.merging import merge as joined
-    from blurnoise_eval.system.urls import listing
     from blurnoise_eval.system.working_folder import read_run, written_run
 
-    if not isinstance(output, Path):
-        with suppress(FileNotFoundError):
-            if listing(output):
-                raise ValueError(f"output = {str(output)!r}: must be an empty or a new folder")
     with ExitStack() as opened:
         folders = [opened.enter_context(read_run(run)).path for run in runs]
         whole = opened.enter_context(written_run(output))

@@ -17,7 +17,6 @@ from blurnoise_eval.cli._options import (
     Score,
     Threshold,
     Trust,
-    new_folder,
     new_place,
 )
 from blurnoise_eval.cli.console import print_opening
@@ -55,14 +54,6 @@ def report(
             "the targets as coco/MODEL-instances.json",
         ),
     ] = False,
-    fiftyone: Annotated[
-        Path | None,
-        Option(
-            parser=new_folder,
-            metavar="DIR",
-            help="also write a FiftyOne data set: simulated pictures with targets, predictions and conditions",
-        ),
-    ] = None,
     images: Annotated[
         Path | None,
         Option(
@@ -77,14 +68,12 @@ def report(
       blurnoise report run --keep 0.8
       blurnoise report run --score ap50 --threshold 0.3
       blurnoise report run --coco           also the detections, as COCO
-      blurnoise report run --fiftyone dataset   also a FiftyOne data set
       blurnoise report run -o other         into another folder
 
     Settings that no option changes are those of the sweep.
     """
     from blurnoise_eval.plan.question import Question
     from blurnoise_eval.run.run import Run
-    from blurnoise_eval.system.files import path_within
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
     if output is None and isinstance(run, Path) and run.is_dir():
@@ -95,23 +84,28 @@ def report(
     question = Question(threshold=threshold, keep=keep, score=score, cluster=cluster)
     with read_run(run) as folder, nullcontext(folder) if output is None else output_folder(output) as written:
         done = Run.open(folder, question, trust=trust, images=images, progress=True)
+        print_run(done, written, coco=coco, as_json=as_json)
         if coco:
-            files = done.write_coco(path_within(written.path, "coco"))
-            say(f"{', '.join(map(str, files))}: each with its -instances.json", error=True)
-        if fiftyone:
-            say(done.write_fiftyone(fiftyone), error=True)
-        print_run(done, written, as_json=as_json)
+            folder_text = written.with_url(written.path / "coco")
+            say(f"{folder_text}: detections in MODEL.json, targets in MODEL-instances.json", error=True)
 
 
 def print_run(
-    done: Run, written: WorkingFolder | None = None, *, as_json: bool, about_camera: str | None = None
+    done: Run,
+    written: WorkingFolder | None = None,
+    *,
+    coco: bool = False,
+    as_json: bool = False,
+    about_camera: str | None = None,
 ) -> None:
-    """Write a run's tables, figures and page; print its answers, and where the page is. written: the folder of these,
-    by default the run's."""
+    """Write a run's tables, figures and page; print its answers, and where the page is.
+
+    written: the folder of these, by default the run's. coco: also write COCO's files.
+    """
     from blurnoise_eval.report.findings import alarms
     from blurnoise_eval.report.words import counted
 
-    done.report(written)
+    done.report(written, coco=coco)
     summary = done.summary(written)
     for entry in summary["skipped"]:
         say(f"skipped: {entry['reason']}", error=True)

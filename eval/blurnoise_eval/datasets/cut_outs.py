@@ -7,7 +7,7 @@ was rendered, else invented from around it (:mod:`blurnoise.scene.cutting`).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import groupby
@@ -21,12 +21,12 @@ from blurnoise._core.borders import Window, placed
 from blurnoise.blur.layers import Layer, flattened, meeting, seen_behind
 from blurnoise.scene import cutting
 from blurnoise.scene.cutting import Cut, Matte
-from blurnoise.scene.scene import ExposedScene, Exposure
+from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.scene import Scene
 from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target
 from blurnoise_eval.plan.objects import Objects
 
-_Motion = tuple[float, tuple[float, float]]
 _NEAR_PX = 32  # between windows that are cheaper apart than as one
 
 
@@ -48,9 +48,8 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
     """Raise ``ValueError`` if the pictures have no labels, or if no target has a class that ``objects`` names."""
     check_labelled(pictures, "moves = targets or background", "pictures without labels allow only all")
     known = {target.label for picture in pictures for target in picture.targets or ()}
-    for name, stated in (("speeds", dict(objects.speeds)), ("crossings", dict(objects.crossings))):
-        if unknown := sorted({*stated} - known):
-            raise ValueError(f"{name}: {', '.join(unknown)}: must be classes of the targets")
+    if unknown := sorted({*objects.speeds} - known):
+        raise ValueError(f"speeds: {', '.join(unknown)}: must be classes of the targets")
 
 
 def cut_out(
@@ -75,8 +74,8 @@ def cut_out(
         covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(size, bool)
         behind = light if not found or cutting.hole_of(covered).all() else None
         cut = cutting.cut_out(light, found, [(0.0, 0.0)] * len(found), behind)
-        motions = [_motion(every[place], objects) for place in places]
-        hidden = [_hidden(number, found, motions) for number in range(len(found))]
+        speeds = [objects.speed_of(every[place].label) for place in places]
+        hidden = [_hidden(number, found, speeds) for number in range(len(found))]
         layers = tuple(_of_picture(layer, light, by) for layer, by in zip(cut.layers, hidden, strict=True))
         cut = cut._replace(layers=layers, invented=cut.invented if behind is None else covered)
     return CutOut(cut, tuple(places), tuple(objects.speed_of(every[place].label) for place in places))
@@ -87,8 +86,10 @@ def target_mask(picture: Picture, size: tuple[int, int]) -> Matte:
     if picture.cut is not None:
         whole = Window(0, 0, *size)
         layers = picture.cut().layers
-        found = [placed(each.alpha[None, None], each.place_px, whole, size, "replicate") for each in layers]
-        mattes = [each[0, 0].numpy() for each in found]
+        alphas = (
+            placed(layer.alpha[None, None], layer.place_px, whole, size, "replicate") for layer in layers
+        )
+        mattes = [alpha[0, 0].numpy() for alpha in alphas]
     else:
         mattes = [_matte(target, size) for target in picture.targets or () if not target.crowd]
     return np.asarray(np.max(mattes, axis=0), np.float32) if mattes else np.zeros(size, np.float32)
@@ -96,7 +97,7 @@ def target_mask(picture: Picture, size: tuple[int, int]) -> Matte:
 
 def _apart(backmost: Sequence[int], every: Sequence[Target], objects: Objects) -> list[int]:
     """The targets that move, stand before one that does or right behind it; the others are background."""
-    movers = [place for place in backmost if not objects.stands(every[place].label)]
+    movers = [place for place in backmost if objects.speed_of(every[place].label)]
     first = backmost.index(movers[0]) if movers else len(backmost)
     return [
         place
@@ -111,16 +112,11 @@ def _meets(target: Target, others: Collection[Target]) -> bool:
     return any(x0 < right and left < x1 and y0 < bottom and top < y1 for left, top, right, bottom in boxes)
 
 
-def _motion(target: Target, objects: Objects) -> Hashable:
-    """Equal for targets that move alike."""
-    return target if objects.crosses(target.label) else objects.speed_of(target.label)
-
-
-def _hidden(place: int, found: Sequence[Matte], motions: Sequence[Hashable]) -> NDArray[np.bool_]:
+def _hidden(place: int, found: Sequence[Matte], speeds: Sequence[float]) -> NDArray[np.bool_]:
     """Where (H, W) objects that move otherwise hide this one: what the picture shows there is theirs."""
     hidden = np.zeros(found[place].shape, bool)
     for other in range(place + 1, len(found)):
-        if motions[other] != motions[place] and ((found[other] >= 1) & (found[place] > 0)).any():
+        if speeds[other] != speeds[place] and ((found[other] >= 1) & (found[place] > 0)).any():
             hidden |= found[other] > 0
     return cutting.hole_of(hidden) if hidden.any() else hidden
 
@@ -149,62 +145,47 @@ def _matte(target: Target, size: tuple[int, int]) -> Matte:
     return segmentation.of_box(x0, y0, x1 - x0, y1 - y0, size)
 
 
-class CutScene(ExposedScene):
-    """A picture, its objects cut out, so that either may move without the other, as ``Exposure.moves`` says.
+class CutScene:
+    """A picture with its targets cut out, so that either may move without the other, as ``Exposure.moves`` says.
 
-    speeds, own_px_s: one for each layer of the cut, by default 1 and (0, 0). A speed is a multiple of the exposure's
-    velocity: where the camera tracks objects of speed 1, one of speed s is left with 1 - s, so that one that stands
-    moves with the background. own_px_s is beside that: with speed 0 it is what the object does against the
-    background.
+    scene: the background, and before it the targets as layers that move at a speed. speeds: one for each layer of the
+    cut, by default 1: a multiple of the exposure's velocity. Where the camera tracks targets of speed 1, one of speed
+    s is left with 1 - s, so that one that stands moves with the background.
     """
 
     def __init__(
-        self,
-        cut: Cut,
-        speeds: Sequence[float] | None = None,
-        own_px_s: Sequence[tuple[float, float]] | None = None,
+        self, cut: Cut, speeds: Sequence[float] | None = None, lamp_mask: Tensor | None = None
     ) -> None:
-        count = len(cut.layers)
-        factors = (1.0,) * count if speeds is None else speeds
-        beside = ((0.0, 0.0),) * count if own_px_s is None else own_px_s
+        factors = (1.0,) * len(cut.layers) if speeds is None else speeds
         self._cut = cut
-        self._each = list(zip(cut.layers, zip(factors, beside, strict=True), strict=True))
-        self._joined: list[tuple[Layer, _Motion]] = []  # those that move alike and are near each other as one
-        for motion, alike in groupby(self._each, key=lambda each: each[1]):
-            layers = [layer for layer, _ in alike]
-            near = meeting([layer.window.grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in layers])
-            self._joined += [(flattened([layers[place] for place in places]), motion) for _, places in near]
-        super().__init__(cut.background, layers=tuple(layer for layer, _ in self._joined))
+        self._targets = [replace(layer, speed=by) for layer, by in zip(cut.layers, factors, strict=True)]
+        self._joined: list[Layer] = []  # those that move alike and are near each other as one
+        for speed, group in groupby(self._targets, key=lambda layer: layer.speed):
+            alike = list(group)
+            near = meeting([layer.window.grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in alike])
+            together = (flattened([alike[index] for index in indices]) for _, indices in near)
+            self._joined += [replace(layer, speed=speed) for layer in together]
+        self.scene = Scene(cut.background, layers=tuple(self._joined), lamp_mask=lamp_mask)
         self._shares: dict[tuple[float, ...], tuple[float, ...]] = {}
 
-    def motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
-        """Velocity of the background and the layers, each with its own."""
-        velocity, _ = super().motions(replace(exposure, moves="all"))
-        objects = tuple(
-            replace(layer, velocity_px_s=exposure.of_targets(*motion).velocity_px_s)
-            for layer, motion in self._joined
-        )
-        return (0.0, 0.0) if exposure.moves == "targets" else velocity, objects
-
     def invented(self, exposure: Exposure) -> tuple[float, ...]:
-        """Of each object: how much of what it hides at mid-exposure is seen in the course of it, as a share, where
-        that had to be invented; 0 where it is known.
+        """Per target: the share of the background hidden at mid-exposure that becomes visible and was filled in.
 
-        It depends on the object's motion relative to its background, whichever of the two moves.
+        It depends on the target's motion relative to its background, whichever of the two moves.
         """
         if exposure.moves == "all" or not self._cut.invented.any():
-            return (0.0,) * len(self._each)
+            return (0.0,) * len(self._targets)
+        relative = replace(exposure, moves="targets")
 
-        def moved_px(motion: _Motion) -> tuple[float, float]:
-            x, y = replace(exposure, moves="targets").of_targets(*motion).velocity_px_s
-            return x * exposure.exposure_s, y * exposure.exposure_s
+        def moved_px(layer: Layer) -> tuple[float, float]:
+            x, y = relative.velocity_of(layer)
+            return float(x) * exposure.exposure_s, float(y) * exposure.exposure_s
 
         key = (*exposure.velocity_px_s, exposure.exposure_s)
         if key not in self._shares:
-            size = (self.light.shape[-2], self.light.shape[-1])
-            movers = [(layer, moved_px(motion)) for layer, motion in self._joined]
+            movers = [(layer, moved_px(layer)) for layer in self._joined]
             self._shares[key] = tuple(
-                seen_behind(layer, movers, size) if any(moved_px(motion)) else 0.0
-                for layer, motion in self._each
+                seen_behind(layer, movers, self.scene.size) if any(moved_px(layer)) else 0.0
+                for layer in self._targets
             )
         return self._shares[key]

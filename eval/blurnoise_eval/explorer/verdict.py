@@ -19,7 +19,7 @@ from blurnoise_eval.scoring.on_picture import ModelOutput
 
 def mean_confidence(output: ModelOutput) -> float:
     """Over the targets; 0 without any."""
-    return sum(float(row["confidence"]) for row in output.targets) / max(1, len(output.targets))
+    return sum(row.confidence for row in output.targets) / max(1, len(output.targets))
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class Standard:
         """The standard of a picture; ``clean`` is the detector's output for the original."""
         # No exposure can keep what the original does not have: such a target would hide what the camera changes.
         least = FOUND_SCORE if criterion.kept else 0.0
-        rows = tuple(row for row in clean.targets if row["confidence"] >= least)
+        rows = tuple(row for row in clean.targets if row.confidence >= least)
         unit = mean_confidence(clean._replace(targets=rows)) if criterion.kept else 1.0
-        return cls(criterion.level, criterion.kept, unit, frozenset(row["target_id"] for row in rows))
+        return cls(criterion.level, criterion.kept, unit, frozenset(row.target_id for row in rows))
 
     @property
     def required(self) -> float:
@@ -52,9 +52,7 @@ class Standard:
 
     def of_counted(self, output: ModelOutput) -> ModelOutput:
         """An output with the targets that count."""
-        return output._replace(
-            targets=tuple(row for row in output.targets if row["target_id"] in self.counted)
-        )
+        return output._replace(targets=tuple(row for row in output.targets if row.target_id in self.counted))
 
     def text(self, mean: float) -> str:
         """A mean confidence in the unit of the criterion.
@@ -74,7 +72,7 @@ class Standard:
                 "No score, as the model finds nothing in the original picture. Choose another model.",
             )
         mean = mean_confidence(output)
-        hits = sum(row["confidence"] >= FOUND_SCORE for row in output.targets)
+        hits = sum(row.confidence >= FOUND_SCORE for row in output.targets)
         text = f"Mean confidence {mean:.2f}"
         if self.kept:
             text = (

@@ -6,7 +6,7 @@ Domain: 8-bit pictures as files on disk, boxes (left, top, right, bottom) in px 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from blurnoise_eval.datasets import eight_bit, read_picture
 from blurnoise_eval.datasets.folder import MAX_MEGAPIXELS
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import MATCH_IOU
+from blurnoise_eval.store.rows import LabelledBox, TargetAnswer
 from blurnoise_eval.system.files import LARGEST_EXAMPLE_BYTES
 from blurnoise_eval.system.terminal import plain
 
@@ -32,40 +33,42 @@ MOST_BOXES = 300
 """Targets drawn in a picture: of more, nobody could tell one from another."""
 
 
-def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> NDArray[np.uint8] | None:
-    """The example's picture, RGB uint8, longest side ``size_px``, with boxes; None where it cannot be read.
+def drawn_example(
+    path: Path,
+    detections: Iterable[LabelledBox],
+    targets: Iterable[TargetAnswer],
+    size_px: int,
+    threshold: float,
+) -> NDArray[np.uint8] | None:
+    """A picture file, RGB uint8, longest side ``size_px``, with boxes; None where it cannot be read.
 
     Detections that overlap a target of their own label (IoU >= 0.5) are that target's and not drawn again. Of more
     than ``MOST_BOXES`` targets the largest are drawn.
     """
     try:
-        if Path(example["path"]).stat().st_size > LARGEST_EXAMPLE_BYTES:
+        if path.stat().st_size > LARGEST_EXAMPLE_BYTES:
             return None
-        whole = eight_bit(read_picture(example["path"], MAX_MEGAPIXELS))
+        whole = eight_bit(read_picture(path, MAX_MEGAPIXELS))
     except (OSError, ValueError):
         return None
     scale = size_px / max(whole.shape[:2])
     width, height = max(1, round(whole.shape[1] * scale)), max(1, round(whole.shape[0] * scale))
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     picture = cv2.resize(whole, (width, height), interpolation=method)
-    for other in example["detections"]:
-        if other["score"] < OTHER_SCORE:
+    known = list(targets)
+    for other in detections:
+        if other.score < OTHER_SCORE:
             continue
-        alike = [t["box_xyxy"] for t in example["targets"] if t["label"] == other["label"]]
-        if not (iou([other["box_xyxy"]], alike) >= MATCH_IOU).any():
-            text = f"{other['label']} {other['score']:.2f}"
-            _draw_box(picture, other["box_xyxy"], scale, OTHER_RGB, 1, text)
-    for target in sorted(example["targets"], key=_area, reverse=True)[:MOST_BOXES]:
-        found = target["confidence"] >= threshold
+        alike = [target.box_xyxy for target in known if target.label == other.label]
+        if not (iou([other.box_xyxy], alike) >= MATCH_IOU).any():
+            _draw_box(picture, other.box_xyxy, scale, OTHER_RGB, 1, f"{other.label} {other.score:.2f}")
+    largest = sorted(known, key=lambda target: -target.width_px * target.height_px)
+    for target in largest[:MOST_BOXES]:
+        found = target.confidence >= threshold
         colour = FOUND_RGB if found else MISSED_RGB
-        text = f"{target['confidence']:.2f}" if target["text"] is None else f'"{target["text"]}"'
-        _draw_box(picture, target["box_xyxy"], scale, colour, 2, text, dashed=not found)
+        text = f"{target.confidence:.2f}" if target.text is None else f'"{target.text}"'
+        _draw_box(picture, target.box_xyxy, scale, colour, 2, text, dashed=not found)
     return np.asarray(picture, np.uint8)
-
-
-def _area(target: dict[str, Any]) -> float:
-    left, top, right, bottom = target["box_xyxy"]
-    return float((right - left) * (bottom - top))
 
 
 def short_text(text: str, length: int = 34) -> str:

@@ -164,13 +164,13 @@ def _whole(least: float, unit: float) -> float:
 
 
 @dataclass(frozen=True)
-class Limits(AutoExposure):
+class ExposureLimits(AutoExposure):
     """The limits of a program's exposures: those of automatic exposure, of lamps and of the sensor.
 
     led: exposures of at least 1/90 s. least_exposure_s: the sensor's shortest. Raises ``ValueError`` naming the
     field, or the limits that leave no exposure.
 
-    >>> Limits(mains_hz=50.0).settled(0.025)
+    >>> ExposureLimits(mains_hz=50.0).settled(0.025)
     0.02
     """
 
@@ -257,19 +257,18 @@ class Metering:
         return USUAL.setting(self.camera, **at, **self._picture).gain_db
 
 
-def mean_light(gains: Iterable[Mapping[str, Any]], camera: Camera) -> float | None:
+def mean_light(gains: Iterable[tuple[str, float, float, float]], camera: Camera) -> float | None:
     """The mean light of a run's pictures, which follows from the gains that the camera set for them; None where all
     gains are at a limit.
 
-    gains: rows of ``image``, ``illuminance_lux``, ``exposure_s`` and ``applied_gain_db``. Dark charge is neglected.
+    gains: (picture, illuminance in lux, exposure in s, gain in dB). Dark charge is neglected.
     """
     white_lux_s = Metering(camera, 1.0).total_s(1.0)
     logs_by_image: dict[str, list[float]] = {}
-    for row in gains:
-        gain_db = row["applied_gain_db"]
+    for image, illuminance_lux, exposure_s, gain_db in gains:
         if _AT_LIMIT_DB < gain_db < camera.sensor.gain_max_db - _AT_LIMIT_DB:
-            total = row["illuminance_lux"] * row["exposure_s"] * 10 ** (gain_db / 20)
-            logs_by_image.setdefault(row["image"], []).append(math.log(white_lux_s / total))
+            total = illuminance_lux * exposure_s * 10 ** (gain_db / 20)
+            logs_by_image.setdefault(image, []).append(math.log(white_lux_s / total))
     # the median, as other conditions of a picture may saturate or be mostly dark charge
     means = [math.exp(float(np.median(logs))) for logs in logs_by_image.values()]
     return float(np.mean(means)) if means else None

@@ -20,12 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.datasets import Picture, eight_bit
-from blurnoise_eval.plan.axes import EXPOSURE, velocity_of, velocity_text
+from blurnoise_eval.plan.axes import EXPOSURE, velocity_text
 from blurnoise_eval.report.page import FAILURES, PICTURE_PX, TEMPLATES, jpeg, write_page
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import Settings, word
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.store.columns import AxisValues
+from blurnoise_eval.store.rows import TargetAnswer, TargetRow
 from blurnoise_eval.store.store import Store
 
 MOST_CODES = 2_000_000
@@ -56,7 +57,7 @@ class _Conditions(NamedTuple):
     of the original pictures."""
 
     axes: list[tuple[str, list[str]]]
-    keys: list[tuple[Any, ...]]
+    keys: list[tuple[AxisValues, int]]
     places: list[Places | None]
 
 
@@ -65,7 +66,7 @@ class _Model(NamedTuple):
     1 more where it is found; ``_NONE`` where it was not evaluated."""
 
     name: str
-    targets: list[Row]
+    targets: list[TargetRow]
     codes: Codes
     n_left_out: int
 
@@ -90,7 +91,7 @@ def write_failures(store: Store, data: RunData, folder: Path, run: Pictures) -> 
     changes: dict[str, int] = {}
     for model in models:
         for row, change in zip(model.targets, _changes(model.codes).tolist(), strict=True):
-            changes[row["image"]] = max(changes.get(row["image"], 0), change)
+            changes[row.image] = max(changes.get(row.image, 0), change)
     names = sorted(changes, key=lambda name: -changes[name])
     views = (view for number, model in enumerate(models) for view in _views(number, model.codes, tested))
     opening = max(views, key=lambda view: len(view.lost), default=None)
@@ -135,39 +136,38 @@ def _pictures_of(page: Path) -> int:
 
 def _conditions(store: Store, models: Sequence[str]) -> _Conditions:
     found = {
-        (*columns.conditions[condition], repeat)
+        (columns.conditions[condition], repeat)
         for columns in (queries.target_columns(store, model) for model in models)
         for condition, repeat in set(zip(columns.condition.tolist(), columns.repeat.tolist(), strict=True))
     }
-    rows = [dict(zip((*CONDITIONS, "repeat"), key, strict=True)) for key in found]
-    exposed = [row for row in rows if not row["clean"]]
-    axes: list[tuple[str, Any, Any]] = [("exposure", itemgetter(EXPOSURE.name), EXPOSURE.text)]
-    axes += [("speed", velocity_of, velocity_text)]
-    axes += [(word(axis), itemgetter(axis.name), axis.text) for axis in Settings(exposed).axes]
-    axes += [("repeat", itemgetter("repeat"), str)]
+    exposed = [(at, repeat) for at, repeat in found if not at.original]
+    axes: list[tuple[str, Any, Any]] = [("exposure", lambda key: key[0].exposure_s, EXPOSURE.text)]
+    axes += [("speed", lambda key: key[0].velocity_px_s, velocity_text)]
+    for axis in Settings(at for at, _ in exposed).axes:
+        axes.append((word(axis), lambda key, name=axis.name: key[0][name], axis.text))
+    axes += [("repeat", itemgetter(1), str)]
     kept, values = [], []
     for title, of, text in axes:
-        every = sorted({of(row) for row in exposed})
+        every = sorted({of(key) for key in exposed})
         if title == "exposure" or len(every) > 1:
             kept.append((title, [text(value) for value in every]))
             values.append((of, {value: place for place, value in enumerate(every)}))
     placed = [
-        (None if row["clean"] else tuple(places[of(row)] for of, places in values), key)
-        for row, key in zip(rows, found, strict=True)
+        (None if key[0].original else tuple(places[of(key)] for of, places in values), key) for key in found
     ]
     placed.sort(key=lambda each: (each[0] is not None, each[0] or (), each[1][-1]))
     return _Conditions(kept, [key for _, key in placed], [places for places, _ in placed])
 
 
 def _model(store: Store, name: str, tested: _Conditions, found_from: float) -> _Model:
-    targets = list(queries.found_when_clean(store, name))
+    targets = list(queries.targets_when_clean(store, name))
     columns = queries.target_columns(store, name)
-    row_of = {(row["image"], row["target_id"]): place for place, row in enumerate(targets)}
+    row_of = {(row.image, row.target.target_id): place for place, row in enumerate(targets)}
     condition_of = {key: place for place, key in enumerate(tested.keys)}
     pictures, ids = (each.tolist() for each in (columns.picture, columns.target_id))
     row = [row_of.get((columns.pictures[at], target), -1) for at, target in zip(pictures, ids, strict=True)]
     places, repeats = columns.condition.tolist(), columns.repeat.tolist()
-    at = [condition_of[*columns.conditions[c], repeat] for c, repeat in zip(places, repeats, strict=True)]
+    at = [condition_of[columns.conditions[c], repeat] for c, repeat in zip(places, repeats, strict=True)]
     n_columns = len(targets) + 1  # the last is of targets that the original picture does not have
     codes = np.full((len(tested.keys), n_columns), _NONE, np.uint16)
     codes[at, row] = 2 * np.round(1000 * columns.confidence) + (columns.confidence >= found_from)
@@ -186,10 +186,11 @@ def _changes(codes: Codes) -> NDArray[np.int64]:
 
 
 def _packed(model: _Model, place: Mapping[str, int]) -> Row:
-    groups, labels = (sorted({row[name] for row in model.targets}) for name in ("group", "label"))
+    groups = sorted({row.target.group for row in model.targets})
+    labels = sorted({row.target.label for row in model.targets})
     targets = [
-        [place[row["image"]], groups.index(row["group"]), labels.index(row["label"])]
-        + [round(row[edge], 1) for edge in ("x0", "y0", "x1", "y1")]
+        [place[row.image], groups.index(row.target.group), labels.index(row.target.label)]
+        + [round(edge, 1) for edge in row.target.box_xyxy]
         for row in model.targets
     ]
     codes = base64.b64encode(model.codes.astype("<u2").tobytes()).decode("ascii")
@@ -240,7 +241,7 @@ def _crops(
     """By target and condition: the simulated picture around the target, and its box there in % of that."""
 
     def picture_of(target: int) -> str:
-        return str(model.targets[target]["image"])
+        return model.targets[target].image
 
     n_px = 0
     for name, group in groupby(sorted(view.lost[:MOST_CROPS], key=picture_of), picture_of):
@@ -258,18 +259,18 @@ def _crops(
             continue  # the page works without; _pictures says what is wrong with a picture
 
 
-def _cell(store: Store, model: _Model, target: int, key: tuple[Any, ...]) -> tuple[str, Row]:
-    """The cell of a target's picture under a condition, and the target's row there."""
-    at, rest = dict(zip((*CONDITIONS, "repeat"), key, strict=True)), model.targets[target]
-    cell_id = next(queries.cells_with(store, image=rest["image"], model=model.name, **at))["cell_id"]
-    rows = queries.targets_of(store, cell_id, model.name)
-    return cell_id, next(row for row in rows if row["target_id"] == rest["target_id"])
+def _cell(store: Store, model: _Model, target: int, key: tuple[AxisValues, int]) -> tuple[str, TargetAnswer]:
+    """The cell of a target's picture under a condition, and the model's answer for the target there."""
+    row = model.targets[target]
+    cell, *_ = queries.cells_at(store, model.name, key[0], row.image, key[1])
+    rows = (each.target for each in queries.targets_of(store, cell.cell_id, model.name))
+    return cell.cell_id, next(each for each in rows if each.target_id == row.target.target_id)
 
 
-def _around(rows: Sequence[Row], size: tuple[int, int]) -> tuple[int, int, int, int]:
+def _around(rows: Sequence[TargetAnswer], size: tuple[int, int]) -> tuple[int, int, int, int]:
     """A square (left, top, right, bottom) around the boxes, as far as the picture goes."""
-    left, top = (min(row[edge] for row in rows) for edge in ("x0", "y0"))
-    right, bottom = (max(row[edge] for row in rows) for edge in ("x1", "y1"))
+    left, top = min(row.x0 for row in rows), min(row.y0 for row in rows)
+    right, bottom = max(row.x1 for row in rows), max(row.y1 for row in rows)
     half = max(_AROUND * max(right - left, bottom - top), _LEAST_CROP_PX) / 2
     spans = [((left + right) / 2, size[1]), ((top + bottom) / 2, size[0])]
     middles = ((min(max(middle, 0), most), most) for middle, most in spans)  # a box may leave the picture
@@ -277,9 +278,9 @@ def _around(rows: Sequence[Row], size: tuple[int, int]) -> tuple[int, int, int, 
     return x[0], y[0], x[1], y[1]
 
 
-def _crop(image: NDArray[np.uint8], around: tuple[int, int, int, int], row: Row) -> list[Any]:
+def _crop(image: NDArray[np.uint8], around: tuple[int, int, int, int], row: TargetAnswer) -> list[Any]:
     left, top, right, bottom = around
     part = image[top:bottom, left:right]
-    sides = [(row["x0"] - left, right - left), (row["y0"] - top, bottom - top)]
-    sides += [(row["x1"] - row["x0"], right - left), (row["y1"] - row["y0"], bottom - top)]
+    sides = [(row.x0 - left, right - left), (row.y0 - top, bottom - top)]
+    sides += [(row.x1 - row.x0, right - left), (row.y1 - row.y0, bottom - top)]
     return [jpeg(_resized(part, _CROP_PX / max(part.shape[:2]))), *(round(100 * a / b, 1) for a, b in sides)]

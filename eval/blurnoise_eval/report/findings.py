@@ -7,7 +7,6 @@ from typing import Any
 
 from blurnoise_eval.plan.axes import AXES
 from blurnoise_eval.plan.conditions import reflectance_text
-from blurnoise_eval.plan.objects import Objects
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
 
@@ -46,7 +45,7 @@ def _first(lines: Iterable[str], more: str) -> list[str]:
 
 def warnings(data: RunData) -> list[str]:
     """The run's warnings, and the pictures that were skipped."""
-    skipped = (f"Skipped {row['image']}: {row['reason']}" for row in data.skipped)
+    skipped = (f"Skipped {row.image}: {row.reason}" for row in data.skipped)
     return [*data.manifest["warnings"], *_first(skipped, "more skipped pictures")]
 
 
@@ -133,11 +132,6 @@ def run_facts(data: RunData) -> dict[str, str]:
     if lamps := manifest.get("plan", {}).get("lamps"):
         facts["lamps"] = ", ".join(f"{name} {shown(value)}" for name, value in lamps.items() if value)
     facts["hdr_white"] = manifest.get("plan", {}).get("hdr_white")
-    crossings = []
-    for label, of in Objects(**manifest.get("plan", {}).get("objects", {})).crossings.items():
-        crossings.append(f"{label} {of.kmh:g} km/h, {of.width_m:g} m wide")
-    if crossings:
-        facts["crossings"] = f"{'; '.join(crossings)}; each such target has its own blur_px"
     facts |= {
         "criterion": manifest["criterion"]["text"],
         "pictures": {name: value for name, value in manifest["images"].items() if name != "notes"},

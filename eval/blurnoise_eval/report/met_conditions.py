@@ -49,7 +49,7 @@ def met_conditions(
     return {
         "cameras": [each.to_dict() for each in cameras],
         "auto_exposure": plan.get("auto_exposure"),
-        "speeds": objects.get("speeds") or objects.get("crossings"),
+        "speeds": objects.get("speeds"),
         **{name: plan.get(name) for name in ("trajectory", "ego", "grey_anchor", "picture_tone")},
         **{name: plan[name] for name in ("lamps", "hdr_white") if name in plan},
         "conditions": [{**dict(each), "saturated": share} for each, share in conditions.items()],

@@ -103,14 +103,14 @@ def _examples(data: RunData, folder: Path) -> Iterator[dict[str, Any]]:
     """The example pictures as JPEG data, evenly chosen, each with its caption and file."""
     threshold, home = data.found_from, folder.absolute()
     for example in data.spread_examples(MAX_PICTURES):
-        picture = drawn_example(example, PICTURE_PX, threshold)
-        path = Path(example["path"]).absolute()
+        picture = drawn_example(example.path, example.detections, example.targets, PICTURE_PX, threshold)
+        path = example.path.absolute()
         near = path.is_relative_to(home)
         yield {
-            "image": example["image"],
-            "model": data.model_names.index(example["model"]),
+            "image": example.cell.image,
+            "model": data.model_names.index(example.cell.model),
             "jpeg": None if picture is None else jpeg(picture),
-            "condition": data.settings.condition_text(example),
+            "condition": data.settings.condition_text(example.cell),
             "outcome": words.outcome_text(example, threshold),
             "file": quote(path.relative_to(home).as_posix(), errors="surrogateescape") if near else None,
         }

@@ -27,6 +27,7 @@ from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.met_conditions import met_conditions
 from blurnoise_eval.report.settings import Settings, Tested
 from blurnoise_eval.scoring.matching import FOUND_SCORE
+from blurnoise_eval.store.rows import Example, SkippedRow
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 
@@ -53,10 +54,10 @@ class RunData:
     manifest: Row
     models: list[Row]
     scores: list[Row]
-    skipped: list[Row]
+    skipped: list[SkippedRow]
     answers: list[Row]
     endurances: list[Row]
-    examples: list[Row]
+    examples: list[Example]
     recommendations: list[Row] = field(default_factory=list)
     averages: list[Row] = field(default_factory=list)
 
@@ -135,13 +136,13 @@ class RunData:
         kept = sorted(sizes, key=lambda group: -sizes[group])[:count]
         return [group for group in sizes if group in kept]
 
-    def spread_examples(self, count: int) -> list[Row]:
+    def spread_examples(self, count: int) -> list[Example]:
         """At most about ``count`` examples, of conditions that are evenly spread, each with all models."""
-        paths = list(dict.fromkeys(example["path"] for example in self.examples))
+        paths = list(dict.fromkeys(example.path for example in self.examples))
         kept = spread(paths, max(1, count // max(1, len(self.model_names))))
-        chosen = (example for example in self.examples if example["path"] in kept)
+        chosen = (example for example in self.examples if example.path in kept)
         return sorted(
-            chosen, key=lambda each: (kept.index(each["path"]), self.model_names.index(each["model"]))
+            chosen, key=lambda each: (kept.index(each.path), self.model_names.index(each.cell.model))
         )
 
 

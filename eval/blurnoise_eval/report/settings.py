@@ -18,9 +18,9 @@ from blurnoise_eval.plan.axes import (
     SETTING_AXES,
     Axis,
     Coordinate,
-    velocity_of,
     velocity_text,
 )
+from blurnoise_eval.store.rows import CellRow
 
 Setting = tuple[float, ...]  # a value per axis of Settings.axes
 
@@ -80,17 +80,18 @@ class Settings:
         """'50 lux · 85 °C · f/2.8'."""
         return " · ".join(axis.text(value) for axis, value in zip(self.axes, setting, strict=True))
 
-    def condition_text(self, row: Mapping[str, Any]) -> str:
+    def condition_text(self, cell: CellRow) -> str:
         """'5 ms · 100 lux · 400 px/s · blur 2 px', what else varies before the blur; or 'original picture'.
 
         Before a camera that drives every place has another blur: '5 ms · 100 lux · 50 km/h'.
         """
-        if row["clean"]:
+        at = cell.conditions
+        if at.original:
             return "original picture"
-        further = [axis.text(row[axis.name]) for axis in self.further]
-        if not row[EGO.name]:
-            further = [velocity_text(velocity_of(row)), *further, BLUR.text(row["blur_px"])]
-        return " · ".join([EXPOSURE.text(row["exposure_s"]), LIGHT.text(row[LIGHT.name]), *further])
+        further = [axis.text(at[axis.name]) for axis in self.further]
+        if not at[EGO.name]:
+            further = [velocity_text(at.velocity_px_s), *further, BLUR.text(cell.blur_px or 0.0)]
+        return " · ".join([EXPOSURE.text(at.exposure_s), LIGHT.text(at.illuminance_lux), *further])
 
 
 def word(axis: Axis | Coordinate) -> str:

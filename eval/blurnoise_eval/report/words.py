@@ -18,6 +18,7 @@ from blurnoise_eval.answers.exposure_window import CANNOT_TELL, NONE_WORKS, WORK
 from blurnoise_eval.plan.axes import EXPOSURE, milliseconds
 from blurnoise_eval.plots.annotate import OTHER_SCORE
 from blurnoise_eval.scoring.uncertainty import FEW, FEWEST
+from blurnoise_eval.store.rows import Example, TargetAnswer
 
 _MANY_SATURATED = 0.01  # of the picture's values: so many at a limit of the sensor are reported
 Row = dict[str, Any]
@@ -121,21 +122,21 @@ def pictures_text(answer: Row) -> str:
     return f"{counted(n, 'picture')}{f', which count as {math.floor(effective)}' if less else ''}"
 
 
-def outcome_text(example: Row, threshold: float) -> str:
+def outcome_text(example: Example, threshold: float) -> str:
     """How many of the example's targets were found, and their mean confidence; or what was read in them."""
-    if example["error"] is not None:
-        return f"the model failed: {example['error']}"
-    targets = example["targets"]
+    if example.cell.error is not None:
+        return f"the model failed: {example.cell.error}"
+    targets = example.targets
     if not targets:
-        count = sum(detection["score"] >= OTHER_SCORE for detection in example["detections"])
+        count = sum(detection.score >= OTHER_SCORE for detection in example.detections)
         return f"no target in the picture, {counted(count, 'detection')}"
-    if any(target["text"] is not None for target in targets):
+    if any(target.text is not None for target in targets):
         return "; ".join(map(_reading_text, targets))
-    confidences = [target["confidence"] for target in targets]
+    confidences = [target.confidence for target in targets]
     found = sum(confidence >= threshold for confidence in confidences)
     return f"{found} of {len(confidences)} found, mean confidence {np.mean(confidences):.2f}"
 
 
-def _reading_text(target: Row) -> str:
-    verdict = f"confidence {target['confidence']:.2f}" if target["confidence"] > 0 else "wrong"
-    return f"read “{target['text']}”, {verdict}" if target["text"] else "read nothing"
+def _reading_text(target: TargetAnswer) -> str:
+    verdict = f"confidence {target.confidence:.2f}" if target.confidence > 0 else "wrong"
+    return f"read “{target.text}”, {verdict}" if target.text else "read nothing"

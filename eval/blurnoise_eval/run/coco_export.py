@@ -22,14 +22,14 @@ from blurnoise_eval.system.files import check_outputs, path_within, write_whole
 INSTANCES = Path("coco") / "instances.json"
 
 
-def write_truth(pictures: PictureSet, run: Path, whole: PictureSet | None = None) -> None:
+def write_truth(pictures: PictureSet, run: Path) -> None:
     """Write what is in the pictures to ``run``/coco/instances.json; without labels it lists the pictures only.
 
-    ids, areas, segmentations and crowds are those of the data set where it has them. whole: the set that the pictures
-    are a part of, whose ids they have. Raises ``OSError``.
+    ids, areas, segmentations and crowds are those of the data set where it has them. A part has the ids of the whole.
+    Raises ``OSError``.
     """
-    whole, own = whole or pictures, {picture.name for picture in pictures}
-    every = [(picture, target) for picture in whole for target in picture.targets or ()]
+    own = {picture.name for picture in pictures}
+    every = [(picture, target) for picture in pictures.every for target in picture.targets or ()]
     used = {target.annotation.get("id") for _, target in every}
     fresh = (number for number in count(1) if number not in used)
     annotations: list[dict[str, Any]] = []
@@ -91,17 +91,23 @@ def truths(store: Store, setup: Setup) -> Callable[[str], Truth | None]:
             return Truth(coco, image_ids, known, sizes_px)
         ids = {label: number for number, label in enumerate(classes, start=1)}
         annotations = []
-        for number, row in enumerate(queries.found_when_clean(store, name), start=1):
-            box = [row["x0"], row["y0"], row["width_px"], row["height_px"]]
-            if row["label"] not in ids:
-                raise store.damaged("targets.label", f"{row['label']!r} is no class of {name!r}")
-            facts = {"id": number, "image_id": image_ids[row["image"]], "category_id": ids[row["label"]]}
+        for number, row in enumerate(queries.targets_when_clean(store, name), start=1):
+            target = row.target
+            box = [target.x0, target.y0, target.width_px, target.height_px]
+            if target.label not in ids:
+                raise store.damaged("targets.label", f"{target.label!r} is no class of {name!r}")
+            facts = {"id": number, "image_id": image_ids[row.image], "category_id": ids[target.label]}
             annotations.append({**facts, "bbox": box, "area": box[2] * box[3], "iscrowd": 0})
         names = [{"id": number, "name": label} for label, number in ids.items()]
         own = {"annotations": annotations, "categories": names}
         return Truth(own, image_ids, {index: index + 1 for index in range(len(classes))}, sizes_px)
 
     return truth_of
+
+
+def detection_files(setup: Setup) -> list[str]:
+    """The names of the files that :func:`write_detections` may write, as patterns."""
+    return [glob.escape(f"{name}{end}.json") for name in setup.models for end in ("", "-instances")]
 
 
 def write_detections(store: Store, setup: Setup, folder: Path) -> list[Path]:
@@ -111,12 +117,9 @@ def write_detections(store: Store, setup: Setup, folder: Path) -> list[Path]:
     MODEL-instances.json, the truth at rest; targets.csv has where conditions move it. Raises ``OSError``.
     """
     written, truth_of, labels = [], truths(store, setup), read_truth(store)
-    models = list(setup.models)
-    check_outputs(
-        folder, *(glob.escape(f"{name}{end}.json") for name in models for end in ("", "-instances"))
-    )
+    check_outputs(folder, *detection_files(setup))
     folder.mkdir(parents=True, exist_ok=True)
-    for model in models:
+    for model in setup.models:
         if (truth := truth_of(model)) is None:
             continue
         rows = (

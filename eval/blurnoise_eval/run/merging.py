@@ -48,7 +48,7 @@ def merge(
         different = {run.resolve(): run for run in runs if not goes_on or run.resolve() != output.resolve()}
         parts = [opened.enter_context(Run.open(run)) for run in different.values()]
         joined = [Run.open(output)] if goes_on else []
-        about, truth = _documents([*joined, *parts])
+        about, truth = _documents([*joined, *parts], goes_on=goes_on)
         about["manifest"]["command"] = command or " ".join(
             ["blurnoise merge", *map(str, runs), "-o", str(output)]
         )
@@ -61,30 +61,32 @@ def merge(
             raise StoreError(f"output = {str(output)!r}: cannot be written ({error.strerror})") from None
 
 
-def _documents(runs: Sequence[Run]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _documents(runs: Sequence[Run], *, goes_on: bool) -> tuple[dict[str, Any], dict[str, Any]]:
     """The documents of the joined run by their keys, and its labels."""
     setups = [run.setup for run in runs]
-    identity, truth = _identity(runs), _truth(runs)
+    identity, truth = _identity(runs, goes_on=goes_on), _truth(runs)
     images = {**setups[0].manifest["images"], "count": len(truth["images"])}
     about: dict[str, Any] = {
         "identity": identity,
         "manifest": {**setups[0].manifest, "images": images},
-        "wall_s": sum(_added(runs, lambda run: run.setup.wall_s)),
+        "wall_s": _wall_s(runs),
     }
     if all(setup.question == setups[0].question for setup in setups):
         about[QUESTION] = vars(setups[0].question)
     return about, truth
 
 
-def _added(runs: Sequence[Run], value: Callable[[Run], float]) -> list[float]:
-    """The values of the runs that have parts of the sweep which no run before them has."""
-    values, numbers = [], set[int]()
+def _wall_s(runs: Sequence[Run]) -> float:
+    """The time that the parts took, of each once: a joined run has that of its parts already."""
+    total_s, numbers = 0.0, set[int]()
     for run in runs:
-        of_run, _ = _part(run)
-        if not of_run <= numbers:
-            values.append(value(run))
+        of_run, count = _part(run)
+        if count == 1 or not of_run <= numbers:
+            total_s += run.setup.wall_s
+        if count == 1:
+            return total_s
         numbers |= of_run
-    return values
+    return total_s
 
 
 def _truth(runs: Sequence[Run]) -> dict[str, Any]:
@@ -141,14 +143,19 @@ def _part(run: Run) -> tuple[set[int], int]:
     return {int(number) for number in numbers.split(",")}, int(count)
 
 
-def _identity(runs: Sequence[Run]) -> dict[str, Any]:
-    """What the joined run is: the whole sweep, or several of its parts. Raises ``StoreError`` for anything else."""
+def _identity(runs: Sequence[Run], *, goes_on: bool) -> dict[str, Any]:
+    """What the joined run is: the whole sweep, or several of its parts. Raises ``StoreError`` for anything else.
+
+    goes_on: the first run is the joined one so far.
+    """
     numbers, wholes = set[int](), []
+    is_whole = goes_on and _part(runs[0])[1] == 1
     for run in runs:
         of_run, count = _part(run)
         numbers |= of_run
         identity = {name: value for name, value in run.setup.identity.items() if name != "part"}
-        wholes.append({**identity, "number of parts": count})
+        of_whole = 1 if is_whole else count  # a whole run has every part, of however many
+        wholes.append({**identity, "number of parts": of_whole})
         differing = differences(wholes[0], wholes[-1])
         first, versions = runs[0].setup.manifest["versions"], run.setup.manifest["versions"]
         differing += differences(first, versions, "software")

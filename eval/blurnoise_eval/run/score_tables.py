@@ -33,7 +33,6 @@ from blurnoise_eval.scoring.scores import of_conditions
 from blurnoise_eval.scoring.uncertainty import Estimate
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.queries import TargetColumns, target_columns
-from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 
 LEAST_AP50 = 0.05
@@ -157,15 +156,13 @@ def _of_model(store: Store, setup: Setup, model: str, criterion: Criterion) -> I
     else:
         confidence = _alarm_confidence(store, setup, model, criterion.alarms_per_picture or 0.0)
         values = (columns.confidence > confidence).astype(float)
-    rows = [dict(zip(CONDITIONS, each, strict=True)) for each in columns.conditions]
-    is_clean = np.array([bool(row["clean"]) for row in rows], bool)
-    original = is_clean[columns.condition] if len(rows) else np.zeros(0, bool)
+    is_clean = np.array([at.original for at in columns.conditions], bool)
+    original = is_clean[columns.condition] if len(is_clean) else np.zeros(0, bool)
     clean = _clean_values(columns, values, original)
-    as_set = iter(queries.as_set(store, [row for row in rows if not row["clean"]]))
-    taken = [row if row["clean"] else next(as_set) for row in rows]
+    as_set = queries.as_set(store, columns.conditions)
     conditions = {
-        name: np.array([np.nan if row["clean"] else row[name] for row in taken], float) for name in NAMES
-    }
+        name: np.array([at[name] for at in as_set], float) for name in NAMES
+    }  # NaN of original pictures
     group = np.where(original, -1, columns.group)
     order = np.lexsort((columns.target_id, columns.repeat, columns.picture, group))
     order = order[np.count_nonzero(original) :]
@@ -220,6 +217,7 @@ def dark_below(camera: Camera) -> float:
 
 def _alarm_confidence(store: Store, setup: Setup, model: str, rate: float) -> float:
     """The confidence above which a model's original pictures give at most ``rate`` false alarms each."""
-    (clean,) = [row for row in queries.condition_counts(store, model) if row["clean"]]
-    found = Evaluated({}, truths(store, setup)(model) or NO_TRUTH, queries.answers_at(store, model, clean))
+    (clean,) = [row for row in queries.condition_counts(store, model) if row.conditions.original]
+    answers = queries.answers_at(store, model, clean.conditions)
+    found = Evaluated({}, truths(store, setup)(model) or NO_TRUTH, answers)
     return found.alarms_from(0.0).confidence_at(rate)

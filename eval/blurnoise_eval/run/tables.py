@@ -14,6 +14,8 @@ from blurnoise_eval.answers.curves import endurances, endurances_across
 from blurnoise_eval.answers.exposure_window import answers, natural
 from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.recommendation import average_curve, recommendations
+from blurnoise_eval.plan.axes import named
+from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
 from blurnoise_eval.run.score_tables import (
@@ -26,7 +28,9 @@ from blurnoise_eval.run.score_tables import (
 )
 from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.rows import Example, LabelledBox
 from blurnoise_eval.store.store import Store
+from blurnoise_eval.system.tables import plain
 
 _FINE = 12  # predicted exposures for each curve over blur
 _LISTED = 8  # labels that a warning names
@@ -112,6 +116,23 @@ def of_page(tables: RunData, setup: Setup) -> RunData:
     return replace(tables, scores=[row for row in tables.scores if row["clean"]])
 
 
+def summary_of(tables: RunData, setup: Setup) -> Row:
+    """What summary.json says of a run, beside the places of its files."""
+    manifest = tables.manifest
+    return {
+        "cells": manifest["n_cells"],
+        **{name: manifest[name] for name in ("missing_cells", "refined")},
+        "skipped": [row.columns() for row in tables.skipped],
+        **{name: manifest[name] for name in ("criterion", "threshold", "withheld", "withheld_models")},
+        "targets_found": manifest.get("targets_found", {}),
+        "reflectance": reflectance(tables),
+        **{name: manifest[name] for name in ("cluster", "software")},
+        "models": tables.models,
+        "answers": [{name: plain(value) for name, value in named(row).items()} for row in tables.answers],
+        "decided": search_counts(setup),
+    }
+
+
 def search_counts(setup: Setup) -> Row | None:
     """The numbers of ``nodes``, ``pictures`` and ``cells`` of a search, and of ``grid_cells`` that the grid would
     need; ``because``: why the full grid was computed. None of a run without a search."""
@@ -172,29 +193,16 @@ def _manifest(store: Store, setup: Setup, criterion: Criterion) -> Row:
     return manifest
 
 
-def _examples(store: Store, setup: Setup) -> Iterator[Row]:
+def _examples(store: Store, setup: Setup) -> Iterator[Example]:
     """The simulated pictures that the run keeps, with detections and targets."""
     for cell in queries.examples(store):
-        detections, names = cell.pop("detections").leading, setup.classes(cell["model"])
+        leading, names = store.detections(cell.cell_id, cell.model).leading, setup.classes(cell.model)
         rows = zip(
-            detections.boxes_xyxy.tolist(),
-            detections.scores.tolist(),
-            detections.class_ids.tolist(),
-            strict=True,
+            leading.boxes_xyxy.tolist(), leading.scores.tolist(), leading.class_ids.tolist(), strict=True
         )
-        targets = queries.targets_of(store, cell["cell_id"], cell["model"])
-        yield {
-            **cell,
-            "path": str(store.file(cell["example"])),
-            "detections": [
-                {"box_xyxy": box, "score": score, "label": names[class_id]} for box, score, class_id in rows
-            ],
-            "targets": [
-                {"box_xyxy": [row[edge] for edge in ("x0", "y0", "x1", "y1")]}
-                | {name: row[name] for name in ("label", "confidence", "text")}
-                for row in targets
-            ],
-        }
+        boxes = (LabelledBox(tuple(box), score, names[class_id]) for box, score, class_id in rows)
+        targets = (row.target for row in queries.targets_of(store, cell.cell_id, cell.model))
+        yield Example(cell, store.file(str(cell.example)), tuple(boxes), tuple(targets))
 
 
 def _warnings(store: Store, manifest: Row) -> Iterator[str]:
@@ -207,9 +215,9 @@ def _warnings(store: Store, manifest: Row) -> Iterator[str]:
         if unknown := model["unknown_labels"]:
             listed = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")
             yield f"{model['name']}: does not know {len(unknown)} of the labels ({listed}), which are left out"
-        without = queries.without_targets(store, model["name"])
-        if without["pictures"]:
+        count, first = queries.without_targets(store, model["name"])
+        if count:
             yield (
-                f"{model['name']}: {without['pictures']} pictures have no target that the model knows "
-                f"(first: {without['first']}). Only their false positives count"
+                f"{model['name']}: {count} pictures have no target that the model knows "
+                f"(first: {first}). Only their false positives count"
             )

@@ -10,7 +10,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise, product
 from typing import NamedTuple
 
@@ -18,19 +18,16 @@ import numpy as np
 import torch
 
 from blurnoise.camera import Camera
-from blurnoise.camera.colour import PictureTone
-from blurnoise.motion.ego import Vehicle
-from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
 from blurnoise_eval.datasets.likeness import look
-from blurnoise_eval.plan.axes import NAMES, blur_px
-from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan, cell_seed
-from blurnoise_eval.plan.lamps import Lamps
-from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
-from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
-from blurnoise_eval.run.exposing import Frame, Scene, frames
+from blurnoise_eval.plan.axes import blur_px
+from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
+from blurnoise_eval.plan.plan import SweepPlan
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View
+from blurnoise_eval.store.columns import ORIGINAL, AxisValues
+from blurnoise_eval.store.rows import CellRow, OfLamp, TargetRow
 from blurnoise_eval.store.store import CellResult, PictureFacts
 
 _CELLS = 8  # at least, that a worker computes before it reports: a block costs whoever hands it out 1 to 2 ms
@@ -59,12 +56,7 @@ class Block:
 
 def count_cells(pictures: PictureSet, plan: SweepPlan) -> int:
     """How many cells a sweep has, the clean ones included."""
-    return len(pictures) * cells_per_picture(plan)
-
-
-def cells_per_picture(plan: SweepPlan) -> int:
-    """How many cells each picture has, the clean one included."""
-    return 1 + plan.repeats * len(plan.conditions())
+    return len(pictures) * plan.cells_per_picture
 
 
 def blocks(pictures: PictureSet, plan: SweepPlan) -> Iterator[Block]:
@@ -113,14 +105,7 @@ class Work:
 
     models: tuple[Model, ...]
     camera: Camera
-    grey_anchor: str | None = None
-    picture_tone: PictureTone = "srgb"
-    auto_exposure: AutoExposure = USUAL
-    objects: Objects = USUAL_OBJECTS
-    path: tuple[TrajectorySpec, float] | None = None
-    ego: Vehicle | None = None
-    lamps: Lamps | None = None
-    hdr_white: float = 1.0
+    plan: SweepPlan
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -130,7 +115,7 @@ class Work:
 class PreparedPicture(NamedTuple):
     """A picture as light, every model's answer to it as it is, and what of it the store notes."""
 
-    scene: Scene
+    scene: PictureScene
     views: list[View]
     facts: PictureFacts
 
@@ -144,15 +129,7 @@ class PreparedPicture(NamedTuple):
                 f"{picture.name}: {width} x {height} px; must be at least 2 x 2 for a camera with a mosaic"
             )
         try:
-            scene = Scene(
-                image,
-                work.grey_anchor,
-                picture,
-                work.objects,
-                work.picture_tone,
-                work.lamps,
-                work.hdr_white,
-            )
+            scene = PictureScene(image, work.plan, picture)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         views: list[View] = [View(model, picture, scene.image8) for model in work.models]
@@ -185,8 +162,7 @@ class Worker:
 
     def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
         work = self._work
-        taken = work.auto_exposure, work.path, work.ego
-        for frame in frames(prepared.scene, block.cells, work.camera, *taken):
+        for frame in frames(prepared.scene, block.cells, work.camera):
             kept = frame.cell.cell_id in block.examples
             example = f"{EXAMPLES}/{frame.cell.cell_id}.png" if kept else None
             png = encode(frame.image) if kept else None
@@ -198,11 +174,15 @@ class Worker:
                     if frame.cell.conditions is None
                     else each.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
                 )
-                result = cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.facts)
-                if work.lamps is not None and work.lamps.pwm is not None:
-                    lamp = frame.exposure and frame.exposure.lamp
-                    result.cell.update(pwm_phase=lamp and lamp.phase, missed_pulse=frame.missed_pulse)
-                yield result
+                of = frame, each.model.name, work.camera, sight, example, png, prepared.facts
+                yield cell_result(*of, lamp=self._lamp(frame))
+
+    def _lamp(self, frame: Frame) -> OfLamp | None:
+        """The columns of a pulsed lamp, where the run has one."""
+        if not self._work.plan.pulsed:
+            return None
+        lamp = None if frame.exposure is None else frame.exposure.lamp
+        return OfLamp(None if lamp is None else lamp.phase, frame.missed_pulse)
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""
@@ -230,46 +210,44 @@ def cell_result(
     example: str | None,
     example_png: bytes | None,
     facts: PictureFacts | None = None,
+    lamp: OfLamp | None = None,
 ) -> CellResult:
-    """The rows of one cell and model. example: where the frame is kept in the run's folder, as PNG."""
+    """The rows of one cell and model. example: where the frame is kept in the run's folder, as PNG. lamp: of a run
+    with a pulsed lamp."""
     cell, at, taken = frame.cell, frame.cell.conditions, frame.exposure
-    shared = {
-        "cell_id": cell.cell_id,
-        "model": model,
-        "camera": camera.name,
-        "image": cell.image,
-        "repeat": cell.repeat,
-        "clean": at is None,
-        **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
-        "blur_px": taken and at and blur_px({**at.stated, "exposure_s": taken.exposure_s}),
-    }
-    rows = [{**shared, **row, "inpainted_share": None} for row in sight.targets]
-    if taken is not None and taken.drives and rows:
+    conditions = ORIGINAL if at is None else AxisValues.of(at.on(camera))
+    moved_px = blur_px({**at.stated, "exposure_s": taken.exposure_s}) if at and taken else None
+    key = cell.cell_id, model, camera.name, cell.image, cell.repeat, conditions
+    blurs_px = [moved_px] * len(sight.targets)
+    if taken is not None and taken.drives and sight.targets:
         height, width = frame.image.shape[:2]
-        middles = torch.tensor([[row["x0"] + row["x1"], row["y0"] + row["y1"]] for row in rows]).double() / 2
-        blurs = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1).tolist()
-        rows = [{**row, "blur_px": blur} for row, blur in zip(rows, blurs, strict=True)]
-    for row in rows if at is not None else ():
-        row["inpainted_share"] = frame.invented.get(row["target_id"], 0.0)
-        row["blur_px"] = frame.own_px.get(row["target_id"], row["blur_px"])
-    invented = [row["inpainted_share"] for row in rows]
-    confidences = np.array([row["confidence"] for row in rows])
-    summary = {
-        "seed": cell.seed,
-        "n_targets": len(rows),
-        "target_confidence": float(confidences.mean()) if rows else None,
-        "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
-        "n_detections": len(sight.detections.leading),
-        "saturated_share": frame.saturated,
-        "applied_exposure_s": taken and taken.exposure_s,
-        "applied_gain_db": taken and taken.gain_db,
-        "snr_db": frame.snr_db,
-        "brightness": frame.brightness,
-        "inpainted_share": (float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
-        "simulate_ms": frame.simulate_ms,
-        "infer_ms": sight.infer_ms,
-        "error": sight.error,
-        "example": example,
-        "non_finite_values": sight.non_finite_values,
-    }
-    return CellResult({**shared, **summary}, tuple(rows), sight.detections, example_png, facts)
+        middles = torch.tensor([[row.x0 + row.x1, row.y0 + row.y1] for row in sight.targets]).double() / 2
+        blurs_px = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1).tolist()
+    rows = sight.targets
+    if at is not None:
+        blurs_px = [frame.own_px.get(row.target_id, own) for row, own in zip(rows, blurs_px, strict=True)]
+        rows = tuple(replace(row, inpainted_share=frame.invented.get(row.target_id, 0.0)) for row in rows)
+    invented = [row.inpainted_share for row in rows if row.inpainted_share is not None]
+    confidences = np.array([row.confidence for row in rows])
+    row = CellRow(
+        *key,
+        moved_px,
+        seed=cell.seed,
+        n_targets=len(rows),
+        target_confidence=float(confidences.mean()) if rows else None,
+        detection_rate=float((confidences >= FOUND_SCORE).mean()) if rows else None,
+        n_detections=len(sight.detections.leading),
+        saturated_share=frame.saturated,
+        applied_exposure_s=None if taken is None else taken.exposure_s,
+        applied_gain_db=None if taken is None else taken.gain_db,
+        snr_db=frame.snr_db,
+        brightness=frame.brightness,
+        inpainted_share=(float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
+        simulate_ms=frame.simulate_ms,
+        infer_ms=sight.infer_ms,
+        error=sight.error,
+        example=example,
+        lamp=lamp,
+    )
+    targets = tuple(TargetRow(*key, own, of) for own, of in zip(blurs_px, rows, strict=True))
+    return CellResult(row, targets, sight.detections, sight.non_finite_values, example_png, facts)

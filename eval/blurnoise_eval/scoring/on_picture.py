@@ -20,10 +20,10 @@ from blurnoise_eval.detectors.ocr import Reading, character_error_rate
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring.boxes import Array, MoveBoxes, swept_within
 from blurnoise_eval.scoring.matching import FOUND_SCORE, target_confidences
+from blurnoise_eval.store.rows import TargetAnswer
 
 Picture8 = NDArray[np.uint8]
 NOTHING = Detections(np.empty((0, 4), np.float32), np.empty(0, np.float32), np.empty(0, np.int64))
-Row = dict[str, Any]
 
 
 class Reader(Protocol):
@@ -55,7 +55,7 @@ class ModelOutput(NamedTuple):
     """
 
     detections: Detections
-    targets: tuple[Row, ...]
+    targets: tuple[TargetAnswer, ...]
     infer_ms: float
     error: str | None
     non_finite_values: int
@@ -95,7 +95,7 @@ class View:
         they cover, ``sweep_boxes``; None: they stay. One on which the model fails gives no rows, and the reason."""
         before = self.model.non_finite_values_here
         started = time.perf_counter()
-        detections, rows, wrong = NOTHING, list[Row](), None
+        detections, rows, wrong = NOTHING, list[TargetAnswer](), None
         try:
             detections, rows = self._answer(self.model, image, move_boxes, sweep_boxes)
         except ModelError as error:
@@ -107,7 +107,7 @@ class View:
 
     def _detect(
         self, model: Any, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
-    ) -> tuple[Detections, list[Row]]:
+    ) -> tuple[Detections, list[TargetAnswer]]:
         found, own = model.look(image)
         if not self._labelled:
             clean = found.leading[found.leading.scores >= FOUND_SCORE]
@@ -122,23 +122,33 @@ class View:
         confidences = target_confidences(found, at, of)
         if own is not None and len(of) and len(others := own(of, confidences)):
             confidences = np.maximum(confidences, target_confidences(others, at, of))
-        rows = self._rows(boxes)
         every = confidences.tolist()
-        for row, confidence, swept in zip(rows, every, every[-len(rows) :], strict=False):
-            row |= {"confidence": confidence, "confidence_swept": swept}
-        return found, rows
+        swept = every[-len(boxes) :]  # of what the boxes cover, which follows them where it is more than they
+        return found, [
+            self._answered(index, box, confidence=every[index], confidence_swept=swept[index])
+            for index, box in enumerate(boxes.tolist())
+        ]
 
     def _read(
         self, model: Any, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
-    ) -> tuple[Detections, list[Row]]:
+    ) -> tuple[Detections, list[TargetAnswer]]:
         boxes = self._boxes(move_boxes, image)
-        rows = self._rows(boxes)
-        for place, (row, reading) in enumerate(zip(rows, model.read(image, boxes.tolist()), strict=True)):
-            if (truth := self._texts[place]) is None:
-                truth = self._texts[place] = reading.text
-            row["confidence"] = reading.confidence if reading.text == truth else 0.0
-            row |= {"truth": truth, "text": reading.text, "read_confidence": reading.confidence}
-            row["character_error_rate"] = character_error_rate(reading.text, truth)
+        rows = []
+        for index, (box, reading) in enumerate(
+            zip(boxes.tolist(), model.read(image, boxes.tolist()), strict=True)
+        ):
+            if (truth := self._texts[index]) is None:
+                truth = self._texts[index] = reading.text
+            row = self._answered(
+                index,
+                box,
+                confidence=reading.confidence if reading.text == truth else 0.0,
+                truth=truth,
+                text=reading.text,
+                read_confidence=reading.confidence,
+                character_error_rate=character_error_rate(reading.text, truth),
+            )
+            rows.append(row)
         return NOTHING, rows
 
     def _boxes(self, move_boxes: MoveBoxes | None, image: Picture8) -> Array:
@@ -149,14 +159,10 @@ class View:
         sizes = np.full((len(boxes), 2), image.shape[1::-1], float)
         return move_boxes(boxes, sizes, [target.label for _, target in self._targets])
 
-    def _rows(self, boxes: Array) -> list[Row]:
-        """What cells keep of each target."""
-        rows = []
-        for (place, target), (x0, y0, x1, y1) in zip(self._targets, boxes.tolist(), strict=True):
-            row: Row = {"target_id": place, "group": target.group, "label": target.label}
-            row |= {"x0": x0, "y0": y0, "x1": x1, "y1": y1}
-            rows.append(row | {"width_px": x1 - x0, "height_px": y1 - y0})
-        return rows
+    def _answered(self, index: int, box_xyxy: Sequence[float], **answer: Any) -> TargetAnswer:
+        """The model's answer for one of the targets."""
+        (number, target), (x0, y0, x1, y1) = self._targets[index], box_xyxy
+        return TargetAnswer(number, target.group, target.label, x0, y0, x1, y1, x1 - x0, y1 - y0, **answer)
 
 
 def _found_targets(clean: Detections, classes: Sequence[str]) -> list[tuple[int, Target]]:

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from blurnoise_eval.store import queries, schema
+from blurnoise_eval.store.columns import CONDITIONS
 from blurnoise_eval.store.store import Store, StoreError, unpack_all
 from blurnoise_eval.system.files import inside
 
 _AT_ONCE = 100  # blobs, of 7 kB mostly and 1 MB at most
-_OF_CELLS = ("image", "repeat", *schema.CONDITIONS)
+_OF_CELLS = ("image", "repeat", *CONDITIONS)
 _SAME = " AND ".join(f"cells.{name} IS targets.{name}" for name in _OF_CELLS)
 _ALIEN = {
     "cells.image": "SELECT image FROM cells EXCEPT SELECT image FROM pictures LIMIT 1",
@@ -26,8 +27,7 @@ def check_rows(store: Store, classes: Mapping[str, int]) -> None:
     if (pages := _first(store, "PRAGMA quick_check(1)")) != [("ok",)]:
         raise store.damaged("pages", str(pages))
     for table, columns in schema.COLUMNS.items():
-        there = store.columns(table, shown=False)
-        known = [*columns, *(schema.OF_LAMPS[name] for name in there if name in schema.OF_LAMPS)]
+        known = [*columns, *(schema.OF_LAMPS[name] for name in store.lamp_columns() if table == "cells")]
         if _first(store, schema.faulty(table, known)):
             (held,) = _first(store, schema.faulty(table, known, one_by_one=True))
             (name, *_), *_ = (column for column, holds in zip(known, held, strict=True) if holds != 1)
@@ -40,7 +40,7 @@ def check_rows(store: Store, classes: Mapping[str, int]) -> None:
             inside(name)
         except ValueError as error:
             raise StoreError(f"run = {str(store.folder)!r}: {error}") from None
-    for rows in store.tuples("SELECT model, image, repeat, detections FROM cells", at_once=_AT_ONCE):
+    for rows in store.blocks("SELECT model, image, repeat, detections FROM cells", at_once=_AT_ONCE):
         for model in {row[0] for row in rows}:
             if model not in classes:
                 raise store.damaged("cells.model", f"{model!r} is no model of the run")
@@ -52,4 +52,4 @@ def check_rows(store: Store, classes: Mapping[str, int]) -> None:
 
 def _first(store: Store, query: str) -> list[tuple[object, ...]]:
     """The first row, if any."""
-    return next(store.tuples(query), [])[:1]
+    return next(store.blocks(query), [])[:1]

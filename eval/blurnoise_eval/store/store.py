@@ -9,11 +9,11 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +21,7 @@ import numpy as np
 
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.store import schema
+from blurnoise_eval.store.columns import columns_of
 from blurnoise_eval.store.reading import (
     LARGEST_DOCUMENT,
     LARGEST_VALUE,
@@ -30,12 +31,16 @@ from blurnoise_eval.store.reading import (
     connect,
     most_steps,
 )
+from blurnoise_eval.store.rows import CellRow, SkippedRow, TargetRow
 from blurnoise_eval.system.files import RUN_FILE, path_within
 from blurnoise_eval.system.signing import is_own, signed
 
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 """A class that is not the first of its box is stored as its complement, a number below 0."""
-_NOT_SHOWN = ("detections", "non_finite_values")  # columns that no table has
+_CELLS, _TARGETS = (
+    [column.name for column in columns_of(row, optional=False)] for row in (CellRow, TargetRow)
+)
+_BY_TARGET = f"{schema.ROWS}, target_id"
 _AT_ONCE = 20_000  # rows that are read at a time
 _JOURNAL_PAGES = 8000  # 32 MB; rows go to pages all over the file, which are synced when the journal is full
 
@@ -64,14 +69,16 @@ class PictureFacts(NamedTuple):
 
 @dataclass(frozen=True)
 class CellResult:
-    """One finished cell of one model: its row, one row per target, its detections. Keys are columns.
+    """One finished cell of one model: its row, one row per target, its detections.
 
+    non_finite_values: NaN and infinite values among the model's outputs, None where nobody has counted them.
     example_png: the picture, where it is kept as the row's ``example``. picture: the original picture.
     """
 
-    cell: dict[str, Any]
-    targets: tuple[dict[str, Any], ...]
+    cell: CellRow
+    targets: tuple[TargetRow, ...]
     detections: Detections
+    non_finite_values: int | None = None
     example_png: bytes | None = None
     picture: PictureFacts | None = None
 
@@ -106,7 +113,6 @@ class Store:
                 opened.callback(
                     db.execute, "PRAGMA journal_mode = DELETE"
                 )  # no files beside one that is done
-            self._db.row_factory = sqlite3.Row
             self._opened = opened.pop_all()
 
     def _written(self, path: Path) -> sqlite3.Connection:
@@ -159,16 +165,16 @@ class Store:
     def is_own(self) -> bool:
         """Whether this user has written every document of the run."""
         rows = self.rows("SELECT key, value, signature FROM about")
-        return all(is_own(f"{row['key']} {row['value']}", row["signature"]) for row in rows)
+        return all(is_own(f"{key} {value}", signature) for key, value, signature in rows)
 
     def about(self, key: str, *, own: bool = False) -> Any:
         """The JSON value under ``key``, None when there is none. own: nor one that somebody else has written."""
-        for row in self.rows("SELECT value, signature FROM about WHERE key = ?", key):
-            signed_here = is_own(f"{key} {row['value']}", row["signature"])
-            if len(row["value"]) > LARGEST_DOCUMENT and not signed_here:
+        for value, signature in self.rows("SELECT value, signature FROM about WHERE key = ?", key):
+            signed_here = is_own(f"{key} {value}", signature)
+            if len(value) > LARGEST_DOCUMENT and not signed_here:
                 raise self.damaged(key, f"has more than {LARGEST_DOCUMENT} letters")
             if signed_here or not own:
-                return self._document(key, row["value"])
+                return self._document(key, value)
         return None
 
     def keep(self, key: str, value: Any) -> None:
@@ -189,13 +195,20 @@ class Store:
     def add(self, results: Sequence[CellResult]) -> None:
         """Commit finished cells, all of them or none; their pictures are not skipped."""
         self.memory.clear()
-        by = {"computed_by": self._computed_by}
-        cells = [{**each.cell, **by, "detections": _pack(each.detections)} for each in results]
-        self._add_columns({name for cell in cells[:1] for name in cell} & schema.OF_LAMPS.keys())
+        if any(result.cell.lamp is not None for result in results):
+            self._add_lamp_columns()
         with self._transaction() as db:
-            _insert(db, "cells", cells)
-            _insert(db, "targets", [target for result in results for target in result.targets])
-            db.executemany("DELETE FROM skipped WHERE image = ?", {(cell["image"],) for cell in cells})
+            _insert(db, "cells", (self._stored(result) for result in results))
+            _insert(db, "targets", (row.stored() for result in results for row in result.targets))
+            images = {(result.cell.image,) for result in results}
+            db.executemany("DELETE FROM skipped WHERE image = ?", images)
+
+    def _stored(self, result: CellResult) -> dict[str, Any]:
+        """A result by the columns of ``cells``."""
+        return replace(result.cell, computed_by=self._computed_by).stored() | {
+            "non_finite_values": result.non_finite_values,
+            "detections": _pack(result.detections),
+        }
 
     def software(self) -> dict[str, dict[str, str]]:
         """Versions of the software that computes the run, by the ``computed_by`` of its cells."""
@@ -211,10 +224,11 @@ class Store:
     def take(self, other: Store) -> None:
         """Add the rows of another run, all or none; cells that exist already stay as they are."""
         self.memory.clear()
-        self._add_columns(other.columns("cells").keys() & schema.OF_LAMPS.keys())
+        if other.lamp_columns():
+            self._add_lamp_columns()
         with self._transaction() as db:
             for table in schema.RUN_TABLES:
-                for rows in other.tuples(f"SELECT * FROM {table}"):
+                for rows in other.blocks(f"SELECT * FROM {table}"):
                     marks = ", ".join("?" * len(rows[0]))
                     db.executemany(f"INSERT OR IGNORE INTO {table} VALUES ({marks})", rows)
             db.execute("DELETE FROM skipped WHERE image IN (SELECT image FROM cells)")
@@ -233,7 +247,7 @@ class Store:
 
     def done(self, image: str) -> set[str]:
         """The ids of a picture's finished cells; a cell is finished for every model of the run or for none."""
-        return {row["cell_id"] for row in self.rows("SELECT cell_id FROM cells WHERE image = ?", image)}
+        return {cell_id for (cell_id,) in self.rows("SELECT cell_id FROM cells WHERE image = ?", image)}
 
     def note_picture(self, image: str, facts: PictureFacts) -> None:
         """Record a picture that cells are computed from. Raises :class:`StoreError` where its content has changed."""
@@ -249,51 +263,48 @@ class Store:
         """The pictures that cells were computed from, or one of them, by name."""
         query = "SELECT * FROM pictures WHERE image IN (SELECT image FROM cells)"
         found = self.rows(query) if image is None else self.rows(f"{query} AND image = ?", image)
-        return {row.pop("image"): PictureFacts(**row) for row in found}
+        return {name: PictureFacts(*facts) for name, *facts in found}
 
-    def cells(self) -> Iterator[dict[str, Any]]:
-        """Every cell's row without its detections, in the order of images and conditions."""
-        return self.rows(f"SELECT {', '.join(self.columns('cells'))} FROM cells ORDER BY {schema.ROWS}")
+    def cells(self, where: str = "TRUE", *values: object, order: str = schema.ROWS) -> Iterator[CellRow]:
+        """The rows of cells without their detections, in the order of images and conditions; where: some of them."""
+        names = ", ".join(self.cell_columns())
+        return map(
+            CellRow.read, self.rows(f"SELECT {names} FROM cells WHERE {where} ORDER BY {order}", *values)
+        )
 
-    def targets(self) -> Iterator[dict[str, Any]]:
-        """One row per cell and target, in the order of cells."""
-        return self.rows(f"SELECT * FROM targets ORDER BY {schema.ROWS}, target_id")
+    def targets(self, where: str = "TRUE", *values: object, order: str = _BY_TARGET) -> Iterator[TargetRow]:
+        """A row per cell and target, in the order of cells; where: some of them."""
+        names = ", ".join(f'"{name}"' for name in _TARGETS)
+        query = f"SELECT {names} FROM targets WHERE {where} ORDER BY {order}"
+        return map(TargetRow.read, self.rows(query, *values))
 
-    def skipped(self) -> list[dict[str, Any]]:
+    def skipped(self) -> list[SkippedRow]:
         """Pictures that could not be used, with the reason."""
-        return list(self.rows("SELECT * FROM skipped ORDER BY image"))
+        return list(map(SkippedRow.read, self.rows("SELECT image, reason FROM skipped ORDER BY image")))
 
     def detections(self, cell_id: str, model: str) -> Detections:
         """The detections of a model in a cell, down to a score of 0.001. Raises ``KeyError`` for no such cell."""
         query = "SELECT detections FROM cells WHERE cell_id = ? AND model = ?"
-        for row in self.rows(query, cell_id, model):
-            return unpack(row["detections"])
+        for (packed,) in self.rows(query, cell_id, model):
+            return unpack(packed)
         raise KeyError(cell_id, model)
 
     def count_different(self, *columns: str) -> int:
         """The number of different combinations of values in ``columns``."""
-        (counted,) = self.rows(f"SELECT COUNT(*) AS n FROM (SELECT DISTINCT {', '.join(columns)} FROM cells)")
-        return int(counted["n"])
+        ((count,),) = self.rows(f"SELECT COUNT(*) FROM (SELECT DISTINCT {', '.join(columns)} FROM cells)")
+        return int(count)
 
-    def rows(self, query: str, *values: object) -> Iterator[dict[str, Any]]:
-        """The result of an SQL query, a row at a time."""
-        with self._explained():
-            self._begin()
-            for row in self._db.execute(query, values):
-                found = dict(row)
-                if "clean" in found:
-                    found["clean"] = bool(found["clean"])
-                yield found
+    def rows(self, query: str, *values: object) -> Iterator[tuple[Any, ...]]:
+        """The result of an SQL query."""
+        return chain.from_iterable(self.blocks(query, *values))
 
-    def tuples(
+    def blocks(
         self, query: str, *values: object, at_once: int | None = None
     ) -> Iterator[list[tuple[Any, ...]]]:
-        """The result of an SQL query as tuples, some thousands of rows at a time."""
+        """The result of an SQL query, some thousands of rows at a time."""
         with self._explained():
             self._begin()
-            cursor = self._db.cursor()
-            cursor.row_factory = None
-            cursor.execute(query, values)
+            cursor = self._db.execute(query, values)
             while rows := cursor.fetchmany(at_once or _AT_ONCE):
                 yield rows
 
@@ -301,17 +312,22 @@ class Store:
         if self._steps is not None:
             self._steps.begin()
 
-    def columns(self, table: str, *, shown: bool = True) -> dict[str, str]:
-        """Names and SQLite types of a table's columns. shown: without those that exports leave out."""
-        with self._explained():
-            found = self._db.execute(f"PRAGMA table_info({table})").fetchall()
-        return {row["name"]: row["type"] for row in found if not shown or row["name"] not in _NOT_SHOWN}
+    def cell_columns(self) -> list[str]:
+        """The columns of a :class:`CellRow` that the run has: those of a pulsed lamp only with one."""
+        return _CELLS + self.lamp_columns()
 
-    def _add_columns(self, names: Set[str]) -> None:
-        """Add those columns of a pulsed lamp that the cells lack."""
-        for name in sorted(names - self.columns("cells").keys(), reverse=True) if names else ():
+    def lamp_columns(self) -> list[str]:
+        """The columns of a pulsed lamp, none in a run without."""
+        with self._explained():
+            there = {name for _, name, *_ in self._db.execute("PRAGMA table_info(cells)")}
+        return [name for name in schema.OF_LAMPS if name in there]
+
+    def _add_lamp_columns(self) -> None:
+        """Add the columns of a pulsed lamp, which the cells of other runs lack."""
+        if not self.lamp_columns():
             with self._transaction() as db:
-                db.execute(schema.add_column(name))
+                for name in schema.OF_LAMPS:
+                    db.execute(schema.add_column(name))
 
     def _document(self, field: str, text: str) -> Any:
         try:
@@ -352,8 +368,8 @@ def _infinite(constant: str) -> float:
     return float(constant)
 
 
-def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:
-    """Add rows, those of the same columns at once."""
+def _insert(db: sqlite3.Connection, table: str, rows: Iterable[dict[str, Any]]) -> None:
+    """Add rows by column, those of the same columns at once."""
     for columns, alike in groupby(rows, key=tuple):
         names, marks = ", ".join(f'"{name}"' for name in columns), ", ".join("?" * len(columns))
         into = f"INSERT OR REPLACE INTO {table} ({names}) VALUES ({marks})"

@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 from blurnoise_eval.answers import criterion
-from blurnoise_eval.answers.per_condition import PICTURES, conditions_of, numbered, scored
+from blurnoise_eval.answers.per_condition import conditions_of, numbered, scored
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring import scores as table
 from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.scoring.evaluated import Evaluated, Truth
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.schema import CONDITIONS
-from blurnoise_eval.store.store import CellResult, Store
+from blurnoise_eval.store.columns import CONDITIONS, ORIGINAL, AxisValues
+from blurnoise_eval.store.rows import MEANS
+from blurnoise_eval.store.store import Store
+from stored_rows import answer
+from stored_rows import cell as stored
 
 AT = {"exposure_s": 0.01, "illuminance_lux": 5.0, "velocity_x_px_s": 1.0, "velocity_y_px_s": 0.0}
 NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
@@ -26,16 +29,9 @@ def score_rows(folder, results, truth=None, cluster=None, moves=lambda row: (Non
 
 def cell(image, found=NOTHING, rows=None, repeat=0, **more):
     clean = more.pop("clean", False)
-    shared = {
-        "cell_id": f"{image} {repeat} {clean}",
-        "model": "m",
-        "image": image,
-        "repeat": repeat,
-        "clean": clean,
-    }
-    shared |= dict.fromkeys(AT) if clean else AT
-    targets = [{**shared, "target_id": n, "group": "g", **row} for n, row in enumerate(rows or [])]
-    return CellResult({**shared, "n_targets": len(targets), **more}, tuple(targets), found)
+    about = {"image": image, "repeat": repeat, "conditions": ORIGINAL if clean else AxisValues.of(AT)}
+    targets = [answer(number, **row) for number, row in enumerate(rows or [])]
+    return stored(f"{image} {repeat} {clean}", targets, found, **about, **more)
 
 
 def truth_of(names):
@@ -56,13 +52,13 @@ def test_rows_of_a_run(tmp_path):
     moved = []
 
     def moves(row):
-        moved.append(row["exposure_s"])
+        moved.append(row.exposure_s)
         return None, None
 
     first, second = score_rows(tmp_path, results, truth, moves=moves)
     clean, exposed = first.row, second.row
     assert moved == [0.01]
-    shared = ("model", *CONDITIONS, "blur_px", "n_pictures", "n_targets", "errors", *PICTURES)
+    shared = ("model", *CONDITIONS, "blur_px", "n_pictures", "n_targets", "errors", *MEANS)
     columns = [f"{score.name}{end}" for score in table.of_conditions() for end in ("", "_low", "_high")]
     assert tuple(clean) == tuple(exposed) == (*shared, *columns)
     assert all(clean[name] is None for name in columns if name.endswith(("_low", "_high")))  # of two pictures

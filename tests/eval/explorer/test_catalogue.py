@@ -116,17 +116,16 @@ def run(tmp_path_factory):
 def test_a_cell_has_the_picture_and_confidences_of_the_run(run, tmp_path, monkeypatch):
     catalogue = Catalogue(run)
     with Store(run) as store:
-        cells = [row for row in store.cells() if row["exposure_s"] == 0.06 and row["velocity_x_px_s"]]
-        row = next(row for row in cells if row["repeat"] == 1 and not row["clean"])
-        cell, model = str(row["cell_id"]), str(row["model"])
-        targets = [target["confidence"] for target in queries.targets_of(store, cell, model)]
+        row = next(store.cells("exposure_s = 0.06 AND velocity_x_px_s <> 0 AND repeat = 1"))
+        cell, model = row.cell_id, row.model
+        targets = [each.target.confidence for each in queries.targets_of(store, cell, model)]
         detections = store.detections(cell, model)
     state = catalogue.start(cell=cell)
     found = catalogue.render(state).found
     assert found is not None
     assert found.standard.required == 0.6  # rendered signs: a confidence of their own
-    assert mean_confidence(found.counted) == row["target_confidence"]
-    assert [target["confidence"] for target in found.counted.targets] == targets
+    assert mean_confidence(found.counted) == row.target_confidence
+    assert [target.confidence for target in found.counted.targets] == targets
     assert np.array_equal(found.output.detections.boxes_xyxy, detections.boxes_xyxy)
     assert catalogue.start(state.query(catalogue.base)) == state
     same(state.put("f_number", 4.0), catalogue, tmp_path, monkeypatch)

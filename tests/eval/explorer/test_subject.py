@@ -5,6 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+import stored_rows
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
@@ -49,7 +50,7 @@ def test_numbers_are_those_of_their_formulas(signs):
 def test_the_verdict_is_the_share_that_is_kept_and_the_curve_goes_through_it(signs):
     detector = Detector(STOP_SIGN)
     found = rendered(STATE, signs, detector).found
-    unit = np.mean([row["confidence"] for row in found.clean.targets])
+    unit = np.mean([row.confidence for row in found.clean.targets])
     share = mean_confidence(found.output) / unit
     good, sentence = found.standard.verdict(found.counted)
     assert good == (share >= 0.9)
@@ -79,7 +80,7 @@ def test_the_smaller_copy_is_the_picture_averaged():
 
 def output(*confidences):
     rows = tuple(
-        {"target_id": 2 * number, "confidence": confidence} for number, confidence in enumerate(confidences)
+        stored_rows.answer(2 * number, confidence=confidence) for number, confidence in enumerate(confidences)
     )
     return ModelOutput(NOTHING, rows, 1.0, None, 0)
 
@@ -89,7 +90,7 @@ def test_what_is_enough_is_a_share_of_the_original_or_a_confidence():
     clean, dark = output(0.8, 0.1, 0.4), output(0.6, 0.9, 0.5)
     kept = Standard.of(KEPT, clean)
     assert (kept.unit, kept.required) == (pytest.approx(0.6), pytest.approx(0.54))
-    assert [row["target_id"] for row in kept.of_counted(dark).targets] == [0, 4]
+    assert [row.target_id for row in kept.of_counted(dark).targets] == [0, 4]
     assert kept.text(0.54) == "90 %"
     absolute = Standard.of(ABSOLUTE, clean)
     assert (absolute.required, absolute.text(0.3), absolute.of_counted(dark)) == (0.6, "0.30", dark)
@@ -130,7 +131,7 @@ def test_the_best_exposure_saturates_little_where_another_such_works():
 def test_boxes_are_found_missed_or_others():
     def target(x, confidence):
         box = {"x0": x, "y0": 20.0, "x1": x + 30, "y1": 50.0, "width_px": 30.0, "height_px": 30.0}
-        return {**box, "confidence": confidence, "target_id": x}
+        return stored_rows.answer(x, **box, confidence=confidence)
 
     boxes_xyxy = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
     detections = Detections(boxes_xyxy, np.array([0.9, 0.8], np.float32), np.array([0, 0]))

@@ -5,20 +5,21 @@ import math
 import tempfile
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+import stored_rows
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.plan.axes import AXES, CORE, EGO, MOVES, NAMES, SETTING, VELOCITY
 from blurnoise_eval.plan.axes import axis as axis_of
-from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Cell, Conditions
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.columns import ORIGINAL, AxisValues
 from blurnoise_eval.store.queries import write_exports
-from blurnoise_eval.store.schema import CONDITIONS
-from blurnoise_eval.store.store import CellResult, Store
+from blurnoise_eval.store.store import Store
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from made_tables import answers, endurances, endurances_across, tables
@@ -66,12 +67,12 @@ def grids(draw):
 def result(cell, score):
     """A finished cell, as a sweep leaves it, told from all others by its score."""
     at = cell.conditions
-    row: dict[str, Any] = {"cell_id": cell.cell_id, "model": "m", "camera": "imx250", "image": cell.image}
-    row |= {"repeat": cell.repeat, "clean": at is None, "blur_px": at and at.blur_px}
-    row |= dict.fromkeys(NAMES) if at is None else at.on(IMX250)
+    conditions = ORIGINAL if at is None else AxisValues.of(at.on(IMX250))
     found = Detections(np.array([[0, 0, 9, 9]]), np.array([score]), np.array([0]))
-    target = {"target_id": 0, "group": "g", "label": "stop sign", "confidence": score}
-    return CellResult(row, ({**row, **target},), found)
+    about = {"image": cell.image, "repeat": cell.repeat, "blur_px": at and at.blur_px}
+    return stored_rows.cell(
+        cell.cell_id, [stored_rows.answer(confidence=score)], found, conditions=conditions, **about
+    )
 
 
 def filled(folder, plan):
@@ -119,20 +120,14 @@ def test_rows_read_back_and_conditions_stay_apart(grid):
             expected = {
                 Cell("p", 0, at, 1).cell_id: result(Cell("p", 0, at, 1), s) for at, s in scores.items()
             }
-            found = {row["cell_id"]: row for row in store.cells()}
-            assert found.keys() == expected.keys()
-            for cell_id, one in expected.items():
-                assert {name: found[cell_id][name] for name in one.cell} == one.cell
-            means = queries.condition_counts(store, "m")
-            assert [row["n_pictures"] for row in means] == [1] * len(scores)
-            sums = {
-                tuple(row[name] for name in CONDITIONS): row["target_confidence"]
-                for row in queries.target_sums(store, "m")
-            }
-            assert Counter(sums.values()) == Counter(scores.values())
-            for row in means:
-                answers = queries.answers_at(store, "m", row)
-                assert answers.scores.tolist() == [sums[tuple(row[name] for name in CONDITIONS)]]
+            assert {row.cell_id: row for row in store.cells()} == {i: of.cell for i, of in expected.items()}
+            rows = queries.condition_counts(store, "m")
+            assert [row.n_pictures for row in rows] == [1] * len(scores)
+            means = dict(queries.mean_confidences(store, "m"))
+            assert Counter(means.values()) == Counter(scores.values())
+            for row in rows:
+                answers = queries.answers_at(store, "m", row.conditions)
+                assert answers.scores.tolist() == [means[row.conditions]]
             write_exports(store)
             header = (Path(folder) / "results.csv").read_text().splitlines()[0].split(",")
             assert [name for name in header if name in NAMES] == list(NAMES)
@@ -146,12 +141,11 @@ def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid):
     with tempfile.TemporaryDirectory() as folder:
         store, scores = filled(Path(folder), plan)
         with store:
-            rows = (
-                {**row, "saturated_share": None, "brightness": None}
-                for row in store.targets()
-                if not row["clean"]
-            )
-            found = list(tables(queries.as_set(store, rows)))
+            exposed_rows = [row for row in store.targets() if not row.conditions.original]
+            as_set = queries.as_set(store, [row.conditions for row in exposed_rows])
+            shown = {"saturated_share": None, "brightness": None}
+            rows = zip(exposed_rows, as_set, strict=True)
+            found = list(tables({**row.stored(), **at, **shown} for row, at in rows))
     exposed = Counter(score for at, score in scores.items() if at is not None)
     assert len({(each.model, each.group) for each in found}) == len(found)
     assert Counter(value for each in found for value in each.mean.tolist()) == exposed

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from blurnoise_eval.plan.axes import AUTOMATIC
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.program.problem import inputs_of
-from blurnoise_eval.program.scenario import Limits, Metering, Scenario, mean_light
+from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, mean_light
 from blurnoise_eval.run.evaluation import evaluate
 from signs_in_memory import CAMERA, TWO, matched_detector
 
@@ -50,16 +50,16 @@ def test_what_counts(objective, tail, expected):
     ],
 )
 def test_whole_periods(rules, expected):
-    assert [round(1e3 * time, 4) for time in Limits(**rules).candidates(1e-4, 1.0)] == expected
+    assert [round(1e3 * time, 4) for time in ExposureLimits(**rules).candidates(1e-4, 1.0)] == expected
 
 
 def test_frames_leds_and_whole_lines():
-    times = Limits(frame_rate_hz=50.0, readout_s=0.004).candidates(1e-3, 1.0)
+    times = ExposureLimits(frame_rate_hz=50.0, readout_s=0.004).candidates(1e-3, 1.0)
     assert times[0] == 1e-3
     assert times[-1] == pytest.approx(0.016)
     assert np.diff(np.log2(times)).max() <= 1 / 8 + 1e-9
     line_s = 14.8e-6
-    lines = np.array(Limits(row_time_s=line_s, led=True).candidates(1e-4, 1.0)) / line_s
+    lines = np.array(ExposureLimits(row_time_s=line_s, led=True).candidates(1e-4, 1.0)) / line_s
     assert np.abs(lines - lines.round()).max() < 1e-6
     assert 1 / 90 <= lines.min() * line_s < 1 / 90 + line_s
 
@@ -79,7 +79,7 @@ def test_frames_leds_and_whole_lines():
 )
 def test_rules_that_leave_nothing_are_named(rules, named):
     with pytest.raises(ValueError, match=named):
-        Limits(**rules)
+        ExposureLimits(**rules)
 
 
 def test_time_and_gain_make_the_total():
@@ -98,9 +98,9 @@ def test_mean_light_follows_from_gains():
         for lux in (0.01, 10.0, 50.0, 1e5):  # at the first gain is at its most, at the last at none
             at = {"illuminance_lux": lux, "exposure_s": 0.005}
             gain_db = USUAL.setting(CAMERA, mean_light=light, **at).gain_db
-            rows.append({"image": image, "applied_gain_db": gain_db, **at})
+            rows.append((image, lux, 0.005, gain_db))
     assert mean_light(rows, CAMERA) == pytest.approx(0.2, rel=1e-3)
-    assert mean_light([row for row in rows if row["illuminance_lux"] in (0.01, 1e5)], CAMERA) is None
+    assert mean_light([row for row in rows if row[1] in (0.01, 1e5)], CAMERA) is None
 
 
 def test_a_sweep_has_planes_for_its_lights_above_zero(tmp_path):

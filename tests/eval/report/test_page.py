@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.report import figures, words
 from blurnoise_eval.report.page import write_report
+from blurnoise_eval.store.rows import SkippedRow
 from made_runs import made_run
 from read_pages import Page
 
@@ -60,7 +61,7 @@ def test_circumstances_and_what_is_doubtful_are_on_the_page(tmp_path):
     data = made_run(tmp_path, groups={"sign": 0.9}, n_examples=0)
     data.manifest["models"][0] |= {"non_finite_values": 17, "suspicions": ["colours seem swapped"]}
     errors = [{"model": "yolox-nano", "error": f"failed in way {i}", "cells": 30 - i} for i in range(20)]
-    skipped = [{"image": f"broken {i}.jpg", "reason": "not a picture"} for i in range(50)]
+    skipped = [SkippedRow(f"broken {i}.jpg", "not a picture") for i in range(50)]
     changed = replace(data, skipped=skipped, manifest=data.manifest | {"errors": errors})
     text = Page(write_report(changed, tmp_path)).text
     told = [
@@ -128,17 +129,24 @@ def test_hostile_names_stay_text(tmp_path, reported):
     evil = HOSTILE[0] + HOSTILE[1]
     groups = dict.fromkeys(HOSTILE, 0.9)
     data = made_run(tmp_path, groups, lights_lux=(50.0,), models=(evil, *HOSTILE[2:]), n_examples=1)
-    for example in data.examples:
-        example["image"] = example["error"] = evil
-        for box in [*example["targets"], *example["detections"]]:
-            box["label"] = box["text"] = evil
+    examples = [
+        replace(
+            example,
+            cell=replace(example.cell, image=evil, error=evil),
+            targets=tuple(replace(each, label=evil, text=evil) for each in example.targets),
+            detections=tuple(each._replace(label=evil) for each in example.detections),
+        )
+        for example in data.examples
+    ]
     for model in data.manifest["models"]:
         model |= {"contract": {evil: [evil], "sources": {evil: evil}}, "suspicions": [evil], "file": evil}
     manifest = data.manifest | {"title": evil, "command": evil, "camera": {"name": evil, evil: evil}}
     manifest |= {"errors": [{"model": evil, "error": evil, "cells": 3}], "warnings": [evil]}
     manifest |= {"versions": {evil: evil}, "hardware": {evil: evil}}
-    skipped = [{"image": evil, "reason": evil}]
-    parsed = Page(write_report(replace(data, manifest=manifest, skipped=skipped), tmp_path))
+    skipped = [SkippedRow(evil, evil)]
+    parsed = Page(
+        write_report(replace(data, manifest=manifest, skipped=skipped, examples=examples), tmp_path)
+    )
     assert (tmp_path / "figures" / "confidence_blur.png").stat().st_size > 10_000
     assert parsed.tags.count("script") == Page(reported[1]).tags.count("script") == 3
     assert parsed.tags.count("img") == len(data.examples) == 4

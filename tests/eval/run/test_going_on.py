@@ -55,7 +55,7 @@ def test_interrupted_sweep_goes_on(detector, tmp_path, threads, after):
     with pytest.raises(KeyboardInterrupt):
         run(progress=interrupt)
     with Store(tmp_path / "run") as store:  # it is whole: it can be read at once
-        kept = len({row["cell_id"] for row in store.rows("SELECT cell_id FROM cells")})
+        kept = len({row.cell_id for row in store.cells()})
     assert after <= kept < total
     told = []
     outcome = run(progress=told.append)
@@ -92,8 +92,8 @@ def test_unreadable_picture_is_named_and_skipped_until_it_is_mended(detector, tm
         outcome = computed(tmp_path, [detector], shown, ThreadEngine(2), ONE, progress=told.append)
         assert outcome.skipped == ({} if mended else {"bad.png": "bad.png: is empty (0 bytes)"})
         with Store(tmp_path) as store:
-            assert [entry["image"] for entry in store.skipped()] == ([] if mended else ["bad.png"])
-            assert ("bad.png" in {cell["image"] for cell in store.cells()}) == mended
+            assert [entry.image for entry in store.skipped()] == ([] if mended else ["bad.png"])
+            assert ("bad.png" in {cell.image for cell in store.cells()}) == mended
         assert sum(told) == count_cells(shown, ONE)
 
 

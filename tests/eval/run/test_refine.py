@@ -62,7 +62,7 @@ def scored(model, cell):
         at = cell.conditions.on(CAMERA)
         found = result(0, **shared, **at, blur_px=0.0)
         kept = kept_at(at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"])
-    targets = tuple({**row, "confidence": 0.9 * kept} for row in found.targets)
+    targets = tuple(replace(row, target=replace(row.target, confidence=0.9 * kept)) for row in found.targets)
     (identity,) = (each.identity for each in PICTURES if each.name == cell.image)
     return replace(found, targets=targets, picture=PictureFacts(identity, "", 320, 320, ""))
 
@@ -87,7 +87,7 @@ def refined(detector, tmp_path_factory):
 
 def rows(run):
     with Store(run.folder) as store:
-        found = [(cell["cell_id"], cell["image"], cell["exposure_s"]) for cell in store.cells()]
+        found = [(cell.cell_id, cell.image, cell.conditions.exposure_s) for cell in store.cells()]
         return [sorted(found, key=repr), Run.open(run.folder).setup.batches]
 
 

@@ -15,8 +15,8 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.plan.axes import NAMES
-from blurnoise_eval.plan.conditions import SweepPlan, cell_seed
+from blurnoise_eval.plan.conditions import cell_seed
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run import identity
 from blurnoise_eval.run.coco_export import write_detections
 from blurnoise_eval.run.computing import compute
@@ -24,7 +24,7 @@ from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.run.tables import tables_of
 from blurnoise_eval.run.work import blocks, count_cells
-from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.store.columns import CONDITIONS
 from blurnoise_eval.store.store import Store
 from coco_oracle import target_confidence
 from plans import plan as swept
@@ -34,7 +34,7 @@ from signs_in_memory import BOX, CAMERA, PLAN, TWO, everything, noise, picture, 
 
 from blurnoise import simulate
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.scene import scene
+from blurnoise.scene import take as taking
 from blurnoise.sensor import readout as sensor
 
 EVERY_EFFECT = CAMERA.with_figures(
@@ -60,23 +60,23 @@ def test_cell_is_what_simulate_and_the_detector_give(detector, tmp_path, monkeyp
 
     with Store(tmp_path, create=True) as store:
         with monkeypatch.context() as patch:
-            patch.setattr(scene, "digitised", watched)
+            patch.setattr(taking, "digitised", watched)
             compute([detector], camera, picture_set(picture("p", lambda: image)), plan, store)
-        cells = [cell for cell in store.cells() if not cell["clean"]]
-        assert len(cells) == len(developed) == sum(bool(cell["example"]) for cell in cells) == 12
+        cells = [cell for cell in store.cells() if not cell.conditions.original]
+        assert len(cells) == len(developed) == sum(bool(cell.example) for cell in cells) == 12
         batch = torch.from_numpy(image).permute(2, 0, 1)[None] / 255
         for cell in cells:
-            given = {name: cell[name] for name in ("exposure_s", "illuminance_lux", "temperature_c")}
-            velocity = cell["velocity_x_px_s"], cell["velocity_y_px_s"]
-            dn = simulate(batch, camera, **given, velocity_px_s=velocity, generator=[cell["seed"]])
+            at = cell.conditions
+            given = {name: at[name] for name in ("exposure_s", "illuminance_lux", "temperature_c")}
+            dn = simulate(batch, camera, **given, velocity_px_s=at.velocity_px_s, generator=[cell.seed])
             assert min(int((dn != each).sum()) for each in developed) == 0
             rgb = np.ascontiguousarray(develop_8bit(dn, camera)[0].permute(1, 2, 0).numpy())
-            direct, stored = detector.detect(rgb), store.detections(cell["cell_id"], cell["model"])
+            direct, stored = detector.detect(rgb), store.detections(cell.cell_id, cell.model)
             for name in ("boxes_xyxy", "scores", "class_ids"):
                 np.testing.assert_array_equal(getattr(stored, name), getattr(direct, name))
-            assert cell["target_confidence"] == target_confidence(direct, BOX, 0)
-            assert cell["blur_px"] == pytest.approx(cell["exposure_s"] * np.hypot(*velocity))
-            np.testing.assert_array_equal(cv2.imread(str(tmp_path / cell["example"]))[..., ::-1], rgb)
+            assert cell.target_confidence == target_confidence(direct, BOX, 0)
+            assert cell.blur_px == pytest.approx(at.exposure_s * np.hypot(*at.velocity_px_s))
+            np.testing.assert_array_equal(cv2.imread(str(tmp_path / cell.example))[..., ::-1], rgb)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -84,13 +84,13 @@ def test_clean_row_is_the_detection_in_the_untouched_picture(detector, tmp_path,
     direct = detector.detect(sign())
     with Store(tmp_path, create=True) as store:
         compute([detector], CAMERA, picture_set(picture("p", partial(sign, dtype))), SMALL, store)
-        (clean,) = (cell for cell in store.cells() if cell["clean"])
-        found = store.detections(clean["cell_id"], clean["model"])
+        (clean,) = (cell for cell in store.cells() if cell.conditions.original)
+        found = store.detections(clean.cell_id, clean.model)
     np.testing.assert_array_equal(found.scores, direct.scores)
     np.testing.assert_array_equal(found.boxes_xyxy, direct.boxes_xyxy)
-    assert clean["target_confidence"] == target_confidence(direct, BOX, 0) > 0.8
-    assert {clean[key] for key in (*NAMES, "blur_px")} == {None}
-    np.testing.assert_array_equal(cv2.imread(str(tmp_path / clean["example"]))[..., ::-1], sign())
+    assert clean.target_confidence == target_confidence(direct, BOX, 0) > 0.8
+    assert {*clean.conditions.numbers, clean.blur_px} == {None}
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / clean.example))[..., ::-1], sign())
 
 
 def test_rows_depend_neither_on_the_other_pictures_nor_on_their_order(detector, tmp_path):

@@ -1,5 +1,6 @@
 """Which detection answers for which target, where the exposure has moved it."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -92,31 +93,27 @@ def to_the_right(boxes, sizes_px, labels):
     return boxes + np.array([SHIFT_PX, 0, SHIFT_PX, 0])
 
 
-def box_of(row):
-    return tuple(row[edge] for edge in ("x0", "y0", "x1", "y1"))
-
-
 @pytest.mark.parametrize("labelled", [True, False], ids=["labelled", "found when clean"])
 def test_a_detector_is_held_against_moved_targets(detector, labelled):
     targets = (Target("stop sign", "signs", SIGN),) if labelled else None
     seen = View(detector, Picture("p", targets, sign, "p"), sign())
     (clean,), (missed,) = seen.clean.targets, seen.evaluate(sign(right_px=SHIFT_PX)).targets
     (found,) = seen.evaluate(sign(right_px=SHIFT_PX), to_the_right).targets
-    assert clean["confidence"] > 0.8
-    assert missed["confidence"] < 0.3
-    assert found["confidence"] == pytest.approx(clean["confidence"], abs=0.1)
-    assert box_of(missed) == box_of(clean)
-    assert box_of(found) == pytest.approx(
-        [edge + d for edge, d in zip(box_of(clean), (15, 0, 15, 0), strict=True)]
+    assert clean.confidence > 0.8
+    assert missed.confidence < 0.3
+    assert found.confidence == pytest.approx(clean.confidence, abs=0.1)
+    assert missed.box_xyxy == clean.box_xyxy
+    assert found.box_xyxy == pytest.approx(
+        [edge + d for edge, d in zip(clean.box_xyxy, (15, 0, 15, 0), strict=True)]
     )
-    assert found["width_px"] == pytest.approx(clean["width_px"])
+    assert found.width_px == pytest.approx(clean.width_px)
     (again,) = seen.evaluate(
         sign(right_px=SHIFT_PX)
     ).targets  # where targets stand is kept for one motion, not for all
-    assert {**again, "confidence": 0} == {**missed, "confidence": 0}
+    assert again == replace(missed, confidence=again.confidence)
     swept = seen.evaluate(sign(), None, to_the_right).targets[0]
-    assert (box_of(swept), swept["confidence"]) == (box_of(clean), clean["confidence"])
-    assert swept["confidence_swept"] < 0.3
+    assert (swept.box_xyxy, swept.confidence) == (clean.box_xyxy, clean.confidence)
+    assert swept.confidence_swept < 0.3
 
 
 class Asked:
@@ -137,4 +134,4 @@ def test_a_reader_reads_where_the_targets_stand():
     seen = View(reader, Picture("p", (Target("text", "texts", SIGN, text="STOP"),), sign, "p"), sign())
     (row,) = seen.evaluate(sign(right_px=SHIFT_PX), to_the_right).targets
     assert reader.boxes == [[SIGN], [MOVED]]
-    assert (box_of(row), row["confidence"]) == (MOVED, 0.9)
+    assert (row.box_xyxy, row.confidence) == (MOVED, 0.9)

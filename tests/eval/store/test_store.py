@@ -3,18 +3,18 @@
 import csv
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.plan.axes import AUTOMATIC, MOVES, named
+from blurnoise_eval.plan.axes import AUTOMATIC, MOVES
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.queries import write_exports
-from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
-from stored_rows import clean_result, result
+from stored_rows import clean_result, result, with_cell
 
 
 def test_cells_and_detections_come_back(tmp_path):
@@ -24,7 +24,7 @@ def test_cells_and_detections_come_back(tmp_path):
     with Store(tmp_path / "a" / "run", create=True) as store:
         store.add([result(0, detections=found), result(1)])
     with Store(tmp_path / "a" / "run") as store:
-        assert store.done(result(0).cell["image"]) == {"cell0"}
+        assert store.done(result(0).cell.image) == {"cell0"}
         assert store.done("another") == set()
         again = store.detections("cell0", "m")
         for name in ("boxes_xyxy", "scores", "class_ids"):
@@ -36,7 +36,7 @@ def test_cells_and_detections_come_back(tmp_path):
         with pytest.raises(KeyError):
             store.detections("cell0", "another")
         cells = list(store.cells())
-        assert cells[0] == {**result(0, detections=found).cell, "computed_by": None}
+        assert cells[0] == result(0, detections=found).cell
         assert list(store.targets())[1] == result(1).targets[0]
 
 
@@ -55,13 +55,13 @@ def test_classes_that_do_not_lead_their_box_come_back_as_such(tmp_path):
 
 def test_cells_are_added_all_or_none(tmp_path):
     broken = result(1)
-    broken.targets[0]["no such column"] = 1
+    broken = replace(broken, cell=replace(broken.cell, blur_px=[1.0]))
     with Store(tmp_path, create=True) as store:
-        with pytest.raises(StoreError, match="no such column"):
+        with pytest.raises(StoreError, match="type 'list' is not supported"):
             store.add([result(0), broken])
         assert list(store.cells()) == list(store.targets()) == []
         store.add([result(0)])
-        assert [cell["cell_id"] for cell in store.cells()] == ["cell0"]
+        assert [cell.cell_id for cell in store.cells()] == ["cell0"]
 
 
 def test_order_of_rows_is_that_of_conditions_not_of_arrival(tmp_path):
@@ -77,7 +77,7 @@ def test_order_of_rows_is_that_of_conditions_not_of_arrival(tmp_path):
     for name, turn in (("up", 1), ("down", -1)):
         with Store(tmp_path / name, create=True) as store:
             store.add(results[::turn])
-            assert [cell["cell_id"] for cell in store.cells()] == [r.cell["cell_id"] for r in results]
+            assert [cell.cell_id for cell in store.cells()] == [r.cell.cell_id for r in results]
             assert list(store.targets()) == [target for r in results for target in r.targets]
 
 
@@ -118,37 +118,33 @@ def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path):
 def test_the_time_of_a_frame_is_the_median(tmp_path):
     with Store(tmp_path, create=True) as store:
         assert queries.median_simulate_ms(store) is None
-        timed = [result(number) for number in range(3)]
-        for each, simulate_ms in zip(timed, (9.0, 1.0, 2.0), strict=True):
-            each.cell["simulate_ms"] = simulate_ms
-        store.add(timed)
+        store.add([result(number, simulate_ms=ms) for number, ms in enumerate((9.0, 1.0, 2.0))])
         assert queries.median_simulate_ms(store) == 2.0
 
 
 def test_targets_as_columns(tmp_path):
     """Of every target the values of its own row and of its cell's; anew once the store has grown."""
-    taken = [result(number, targets=2) for number in range(3)]
-    for place, each in enumerate(taken):
-        each.cell.update(saturated_share=0.1 * place, brightness=0.5 + 0.1 * place)
+    taken = [
+        result(number, targets=2, saturated_share=0.1 * number, brightness=0.5 + 0.1 * number)
+        for number in range(3)
+    ]
     with Store(tmp_path, create=True) as store:
         store.add(taken[:2])
         assert len(queries.target_columns(store, "m").condition) == 4
         store.add(taken[2:])
         columns, rows = queries.target_columns(store, "m"), {}
-        cells = {cell["cell_id"]: cell for cell in store.cells()}
+        cells = {cell.cell_id: cell for cell in store.cells()}
         for row in store.targets():
-            rows[row["image"], row["repeat"], row["target_id"], *(row[name] for name in CONDITIONS)] = row
+            rows[row.image, row.repeat, row.target.target_id, row.conditions] = row
         assert len(columns.condition) == len(rows) == 6
         for place, picture in enumerate(columns.picture):
             of = columns.pictures[picture], columns.repeat[place], columns.target_id[place]
-            row = rows[*of, *columns.conditions[columns.condition[place]]]
-            assert columns.groups[columns.group[place]] == row["group"]
-            assert columns.confidence[place] == row["confidence"]
-            cell = cells[row["cell_id"]]
-            assert (columns.saturated[place], columns.brightness[place]) == (
-                cell["saturated_share"],
-                cell["brightness"],
-            )
+            row = rows[*of, columns.conditions[columns.condition[place]]]
+            assert columns.groups[columns.group[place]] == row.target.group
+            assert columns.confidence[place] == row.target.confidence
+            cell = cells[row.cell_id]
+            shown = columns.saturated[place], columns.brightness[place]
+            assert shown == (cell.saturated_share, cell.brightness)
 
 
 def test_csv_has_the_rows_of_the_store(tmp_path, monkeypatch):
@@ -158,7 +154,7 @@ def test_csv_has_the_rows_of_the_store(tmp_path, monkeypatch):
         for model in ("m", "a/b c=1.onnx"):
             every = [result(index, model=model, targets=2, moves=float(index % 3)) for index in range(40)]
             every[3] = result(3, model=model, targets=0, exposure_s=AUTOMATIC, gain_db=AUTOMATIC)
-            every[4].cell["error"] = 'said "no",\nλ'
+            every[4] = with_cell(every[4], error='said "no",\nλ')
             store.add([*every, *(clean_result(50 + index, model=model) for index in range(3))])
         written = write_exports(store)
         held = [list(store.cells()), list(store.targets())]
@@ -168,7 +164,7 @@ def test_csv_has_the_rows_of_the_store(tmp_path, monkeypatch):
         expected = [
             {
                 name: "auto" if value == AUTOMATIC else "" if value is None else str(value)
-                for name, value in named(row).items()
+                for name, value in row.columns().items()
             }
             for row in rows
         ]
