@@ -46,6 +46,13 @@ def texts(file: str | Location, *, images: str | Location | None = None) -> Pict
     or, for all pictures, JSON: ``[{"transcription": "STOP", "points": [[x, y], ...]}]``, px. Source: PaddleOCR,
     "text recognition" and "text detection" data sets. images: the pictures' folder, by default the file's own.
     Raises ``ValueError`` that names the file and the line.
+
+    >>> from pathlib import Path
+    >>> from blurnoise_eval import datasets
+    >>> words = '[{"transcription": "STOP", "points": [[10, 20], [40, 20], [40, 60], [10, 60]]}]'
+    >>> _ = Path("labels.txt").write_text("a.jpg\\t" + words)
+    >>> datasets.texts("labels.txt").pictures[0].targets[0].text
+    'STOP'
     """
     selection = Selection("text", file, images)
     with faults_of("labels", selection.file):
@@ -62,8 +69,8 @@ def texts(file: str | Location, *, images: str | Location | None = None) -> Pict
         names = selection.names([name for name, _, _ in rows], sized=not with_places)
         sizes = {} if with_places else sizes_px(selection.folder, names)
         entries = []
-        for name, (_, rest, places) in zip(names, rows, strict=True):
-            targets = _targets(name, places, selection)
+        for name, (_, rest, texts_of_line) in zip(names, rows, strict=True):
+            targets = _targets(name, texts_of_line, selection)
             if name in sizes:
                 width, height = sizes[name]
                 box = (0.0, 0.0, float(width), float(height))
@@ -79,11 +86,11 @@ def _texts(written: str) -> list[tuple[_Text, dict[str, Any]]]:
 
 
 def _targets(
-    picture: str, places: Sequence[tuple[_Text, dict[str, Any]]], selection: Selection
+    picture: str, entries: Sequence[tuple[_Text, dict[str, Any]]], selection: Selection
 ) -> list[Target]:
     """The upright boxes around the points."""
     targets: list[Target] = []
-    for entry, stated in places:
+    for entry, written in entries:
         corners = np.array(entry.points)
         (x0, y0), (x1, y1) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
         targets += selection.target(
@@ -93,7 +100,7 @@ def _targets(
             group=_height_group(y1 - y0),
             crowd=entry.transcription in _UNREADABLE,
             text=entry.transcription,
-            annotation={key: value for key, value in stated.items() if key != "transcription"},
+            annotation={key: value for key, value in written.items() if key != "transcription"},
         )
     return targets
 
