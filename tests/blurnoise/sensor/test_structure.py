@@ -7,6 +7,7 @@ import torch
 
 from blurnoise import Camera, plan
 from blurnoise._core.threads import WORTH_IT
+from blurnoise.sensor import fused
 from blurnoise.sensor import readout as sensor
 
 BASE = Camera.preset("imx250").with_figures(
@@ -89,7 +90,7 @@ def test_bits_depend_on_neither_batch_nor_threads_nor_pieces(camera, fidelity, m
         for count, piece in ((1, 1 << 15), (3, 10_001)):
             torch.set_num_threads(count)
             monkeypatch.setattr(sensor, "_PIECE", piece)
-            monkeypatch.setattr(sensor, "_FAST_PIECE", piece)
+            monkeypatch.setattr(fused, "_PIECE", piece)
             for each, dn in enumerate(together):
                 alone = sensor.read_out(light[each : each + 1], camera, generator=[7 + each], **given)
                 assert torch.equal(alone[0], dn)
@@ -105,7 +106,7 @@ def test_the_fast_route_gives_the_references_frame(white_e, monkeypatch):
     lights, lights_e = light.expand(2, -1, -1, -1), [white_e, 100.0]
     fast = sensor.read_out(light, STRAIGHT, white_e=white_e, generator=[5], **given)
     both = sensor.read_out(lights, STRAIGHT, white_e=lights_e, generator=[5, 5], **given)
-    monkeypatch.setattr(sensor, "supports", lambda active: False)
+    monkeypatch.setattr(fused, "supports", lambda active: False)
     reference = sensor.read_out(light, STRAIGHT, white_e=white_e, generator=[5], **given)
     assert torch.equal(both[:1], fast)
     assert float((fast - reference).abs().max()) <= 1
