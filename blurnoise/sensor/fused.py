@@ -1,8 +1,9 @@
 """The read-out of the linear model in one pass: what :mod:`.readout` does stage by stage, to a rounding step.
 
 Domain: NumPy planes (C, n), n pixels of C colours, float32 or float64. A piece of them stays in the cache of a core
-through all stages, which write in place, each by what does it fastest: NumPy, OpenCV or PyTorch. Frames of one picture
-under several lights share what does not depend on the light.
+through all stages, which write in place, each by what does it fastest: NumPy, OpenCV or PyTorch. Frames of one
+picture under several lights share what does not depend on the light.
+"""
 
 from __future__ import annotations
 

@@ -5,10 +5,11 @@ from typing import Any
 
 import pytest
 import torch
+from exposed_frames import budget
 from kornia.augmentation import AugmentationSequential
 from made_up import ColumnNoise, Pedestal, Shift, Veil
 
-from blurnoise import Camera, Exposure, RandomExposure, Scene, photoelectrons, plan, simulate, take_each
+from blurnoise import Camera, Exposure, RandomExposure, Scene, photoelectrons, simulate, take_each
 from blurnoise._core import threads
 from blurnoise.camera.sensor import DARK_NOISE
 from blurnoise.light import effects
@@ -46,7 +47,7 @@ def test_a_new_light_effect_is_one_entry(monkeypatch, fidelity):
     torch.testing.assert_close(
         (after - before)[unclipped], (white_dn * pattern[None])[unclipped], rtol=1e-3, atol=2e-3
     )
-    told = {each.name: each for each in plan(CAMERA, **CONDITIONS).stages}
+    told = {each.name: each for each in budget(CAMERA, **CONDITIONS).stages}
     assert told["veil"].contribution_dn == pytest.approx(white_dn)
     assert told["veil"].kept
 
@@ -66,7 +67,7 @@ def test_a_new_sensor_stage_is_one_entry(monkeypatch, fidelity, place):
     dn = 500 * CAMERA.sensor.system_gain_dn_per_e
     unclipped = before + dn < CAMERA.sensor.clip_dn
     assert float(((after - before)[unclipped] - dn).abs().max()) <= 1
-    told = {each.name: each for each in plan(CAMERA, **CONDITIONS).stages}
+    told = {each.name: each for each in budget(CAMERA, **CONDITIONS).stages}
     assert told["pedestal"].contribution_dn == pytest.approx(dn)
 
 
@@ -100,7 +101,7 @@ def test_what_is_small_is_left_out_whatever_it_is(monkeypatch):
     before = mean_frame()
     monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Veil(1e-8)))
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(1e-4), *stages.STAGES[6:]))
-    found = plan(CAMERA, **CONDITIONS)
+    found = budget(CAMERA, **CONDITIONS)
     assert {"veil", "pedestal"} <= found.without
     assert torch.equal(mean_frame(), before)
     assert not torch.equal(mean_frame(fidelity="full"), before)

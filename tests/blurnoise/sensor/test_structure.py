@@ -4,8 +4,9 @@ import math
 
 import pytest
 import torch
+from exposed_frames import budget
 
-from blurnoise import Camera, plan
+from blurnoise import Camera
 from blurnoise._core.threads import WORTH_IT
 from blurnoise.sensor import fused
 from blurnoise.sensor import readout as sensor
@@ -159,7 +160,7 @@ def test_gradients_pass_the_bend_rows_and_columns():
 def test_plans_leave_out_what_does_not_matter():
     """A bend of bright light where there is none, rows below the tolerance; and say what they keep."""
     bent = BENT.with_figures(photon_transfer=((0.5, 1.0), (0.9, 0.4)), row_noise_e=1e-3, column_noise_e=2.0)
-    dim, bright = (plan(bent, exposure_s=0.01, illuminance_lux=lux) for lux in (1.0, 500.0))
+    dim, bright = (budget(bent, exposure_s=0.01, illuminance_lux=lux) for lux in (1.0, 500.0))
     assert (
         dim.camera.sensor.photon_transfer,
         dim.camera.sensor.row_noise_e,
@@ -169,7 +170,7 @@ def test_plans_leave_out_what_does_not_matter():
     said = {each.name: each for each in bright.stages}
     assert said["column noise"].contribution_dn == pytest.approx(0.8 * 2.0)
     assert said["row noise"].how == "left out: within the tolerance"
-    stages = plan(FIXED, exposure_s=0.01, illuminance_lux=1.0).stages
+    stages = budget(FIXED, exposure_s=0.01, illuminance_lux=1.0).stages
     assert {each.name: each.contribution_dn for each in stages}["DSNU"] == pytest.approx(0.8 * math.sqrt(98))
 
 
