@@ -25,13 +25,13 @@ from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.scene import Scene
 from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target
-from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.objects import ObjectMotion
 
 _NEAR_PX = 32  # between windows that are cheaper apart than as one
 
 
 class CutOut(NamedTuple):
-    """A cut picture. targets: of each layer its place among the picture's targets; speeds: as of ``Objects``."""
+    """A cut picture. targets: of each layer its place among the picture's targets; speeds: as of ``ObjectMotion``."""
 
     cut: Cut
     targets: tuple[int, ...]
@@ -44,7 +44,7 @@ def check_labelled(pictures: PictureSet, setting: str, otherwise: str) -> None:
         raise ValueError(f"{setting}: needs labelled targets (labels) or rendered signs; {otherwise}")
 
 
-def check_cut(pictures: PictureSet, objects: Objects) -> None:
+def check_cut(pictures: PictureSet, objects: ObjectMotion) -> None:
     """Raise ``ValueError`` if the pictures have no labels, or if no target has a class that ``objects`` names."""
     check_labelled(pictures, "moves = targets or background", "pictures without labels allow only all")
     known = {target.label for picture in pictures for target in picture.targets or ()}
@@ -53,7 +53,7 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
 
 
 def cut_out(
-    picture: Picture, light: Tensor, objects: Objects, scale: float = 1.0, emitters: float = 1.0
+    picture: Picture, light: Tensor, objects: ObjectMotion, scale: float = 1.0, emitters: float = 1.0
 ) -> CutOut:
     """The targets of a picture cut out of its light (1, C, H, W), those that show, back to front.
 
@@ -95,7 +95,7 @@ def target_mask(picture: Picture, size: tuple[int, int]) -> Matte:
     return np.asarray(np.max(mattes, axis=0), np.float32) if mattes else np.zeros(size, np.float32)
 
 
-def _apart(backmost: Sequence[int], every: Sequence[Target], objects: Objects) -> list[int]:
+def _apart(backmost: Sequence[int], every: Sequence[Target], objects: ObjectMotion) -> list[int]:
     """The targets that move, stand before one that does or right behind it; the others are background."""
     movers = [place for place in backmost if objects.speed_of(every[place].label)]
     first = backmost.index(movers[0]) if movers else len(backmost)

@@ -37,14 +37,14 @@ if TYPE_CHECKING:
     from blurnoise.camera.colour import PictureTone
     from blurnoise.motion.ego import Vehicle
     from blurnoise.scene.metering import AutoExposure
-    from blurnoise_eval.plan.objects import Objects
+    from blurnoise_eval.plan.objects import ObjectMotion
     from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
     Anchor = str
 else:
     Vehicle = late("blurnoise.motion.ego", "Vehicle")
     AutoExposure = late("blurnoise.scene.metering", "AutoExposure")
-    Objects = late("blurnoise_eval.plan.objects", "Objects")
+    ObjectMotion = late("blurnoise_eval.plan.objects", "ObjectMotion")
     PictureTone = Annotated[Any, BeforeValidator(tone_of)]
     Anchor = Annotated[Any, BeforeValidator(anchor_of)]
     TrajectorySpec = Annotated[Any, BeforeValidator(trajectory_of)]
@@ -171,7 +171,7 @@ class SweepPlan(ExposureSettings):
     """
 
     repeats: int = setting(1, "number of repeats with other noise (default: 1; 2 for charts)")
-    objects: Objects = setting(None, "speeds and boxes of objects, where targets or background move")
+    objects: ObjectMotion = setting(None, "speeds and boxes of objects, where targets or background move")
     lamps: Lamps | None = nested(Lamps, optional=True)
     examples: bool = True
     only: tuple[Conditions, ...] = ()
@@ -183,9 +183,9 @@ class SweepPlan(ExposureSettings):
         integer("repeats", self.repeats, 1, 1_000_000)
         super().__post_init__()
         if self.objects is None:
-            from blurnoise_eval.plan.objects import USUAL_OBJECTS
+            from blurnoise_eval.plan.objects import USUAL_OBJECT_MOTION
 
-            object.__setattr__(self, "objects", USUAL_OBJECTS)
+            object.__setattr__(self, "objects", USUAL_OBJECT_MOTION)
         self._check_grid()
         self._check_motion()
         n_phases = len(self.lamps.phases) if self.lamps else 0
