@@ -177,9 +177,7 @@ def _chosen(data: RunData, rows: Sequence[CellRow], n_exposures: int) -> Iterato
             yield row.cell_id, "original"
         else:
             lines[_line(row.conditions)].append(row)
-    wanted = [
-        row["exposure_s"] for row in data.recommendations if row["scope"] == "all" and row["exposure_s"]
-    ]
+    wanted = [row.exposure_s for row in data.recommendations if row.scope == "all" and row.exposure_s]
     for same in lines.values():
         nearest = {
             min(same, key=lambda row: abs(math.log(_exposure_s(row) / exposure_s))).cell_id
