@@ -119,7 +119,7 @@ def test_limits_keep_the_recommended_exposure_and_say_so(run, tmp_path, monkeypa
     monkeypatch.setattr(fiftyone_export, "MOST_SAMPLES", 10)
     assert run.write_fiftyone(tmp_path) == "10 samples of 2 of 3 pictures (21 cells in the run)"
     samples = json.loads((tmp_path / "samples.json").read_text())["samples"]
-    recommended = run.tables.recommendations[0]["exposure_s"]
+    recommended = run.tables.recommendations[0].exposure_s
     exposures = (0.0005, 0.002, 0.008)
     nearest = min(exposures, key=lambda each: abs(np.log(each / recommended)))
     marked = [sample["exposure_s"] for sample in samples if "recommended" in sample["tags"]]
