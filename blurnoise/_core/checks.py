@@ -351,13 +351,15 @@ def within(name: str) -> Interval:
     return Interval(gt=low, le=high) if above else Interval(ge=low, le=high)
 
 
-def check_fields(record: Any) -> None:
+def check_fields(record: Any, but: frozenset[str] = frozenset()) -> None:
     """Check a dataclass's fields against their annotations, and make NumPy's numbers and lists plain ones.
 
-    Types are strict, numbers finite. Raises ``TypeError`` or ``ValueError`` of one line.
+    Types are strict, numbers finite. but: fields that are left as they are. Raises ``TypeError`` or ``ValueError`` of
+    one line.
     """
-    given = {entry.name: getattr(record, entry.name) for entry in fields(record)}
+    given = {entry.name: getattr(record, entry.name) for entry in fields(record) if entry.name not in but}
     kind: Any = type(record)
+    model = _model(kind, but)
     plain = {}
     for name, value in given.items():
         try:
@@ -365,18 +367,19 @@ def check_fields(record: Any) -> None:
         except RecursionError:
             raise ValueError(f"{name}: must not be nested so deeply") from None
     try:
-        found = _model(kind).model_validate(plain)
+        found = model.model_validate(plain)
     except ValidationError as error:
-        raise _first_fault(error, given, _model(kind)) from None
+        raise _first_fault(error, given, model) from None
     for name in given:
         object.__setattr__(record, name, getattr(found, name))
 
 
 @lru_cache
-def _model(kind: Any) -> type[BaseModel]:
+def _model(kind: Any, but: frozenset[str]) -> type[BaseModel]:
     hints = get_type_hints(kind, include_extras=True)
     config = ConfigDict(strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
-    entries: dict[str, Any] = {entry.name: (hints[entry.name], ...) for entry in fields(kind)}
+    checked = [entry.name for entry in fields(kind) if entry.name not in but]
+    entries: dict[str, Any] = {name: (hints[name], ...) for name in checked}
     return create_model(kind.__name__, __config__=config, **entries)
 
 
@@ -399,8 +402,9 @@ def _first_fault(error: ValidationError, given: Mapping[str, object], model: typ
     value = fault["input"] if below else given[name]
     of_entries = [limit for kind in get_args(entry.annotation) for limit in getattr(kind, "__metadata__", ())]
     limits = of_entries if below else entry.metadata
-    if rule == "value_error":  # of a validator of ours, whose message is complete
-        return ValueError(str(context["error"]))
+    if rule == "value_error":  # of a validator of ours, whose message is complete, or begins with "must"
+        text = str(context["error"])
+        return ValueError(f"{name} = {shown(given[name])}: {text}" if text.startswith("must") else text)
     if rule == "float_type" and type(value) is int:  # beyond 1e308
         rule = "finite_number"
     elif float in limits and type(value) is int:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from inspect import cleandoc
 from typing import Any
 
 from blurnoise_eval import cli
 from blurnoise_eval.cli import COMMANDS
 from blurnoise_eval.plan.files import PlanFile, ProgramFile, SceneFile
-from blurnoise_eval.plan.settings import Settings
+from blurnoise_eval.plan.settings import Setting
 from mkdocs.structure.files import File, Files
 
 
@@ -68,20 +68,25 @@ def _files() -> str:
             "| setting | default | what it is |",
             "|---|---|---|",
         ]
-        lines += [_setting(kind, each) for each in fields(kind)]
+        lines += [_setting(each) for each in kind.settings().values()]
     lines += ["", "## Records", "", "Settings that are mappings, with the fields of these records."]
-    for name, record in PlanFile.records().items():
-        if not is_dataclass(record):  # a value of its own, such as a tone curve
-            continue
-        told = ", ".join(f"`{each.name}`" for each in fields(record))
+    for record in PlanFile.records():
+        names = ", ".join(f"`{each.name}`" for each in fields(record))
         about = cleandoc(record.__doc__ or "").split("\n\n")
-        lines += ["", f"### {name}", "", f"{told}.", "", *(" ".join(part.split()) for part in about)]
+        lines += [
+            "",
+            f"### {record.__name__}",
+            "",
+            f"{names}.",
+            "",
+            *(" ".join(part.split()) for part in about),
+        ]
     return "\n".join([*lines, ""])
 
 
-def _setting(kind: type[Settings], each: Any) -> str:
-    default = "" if each.default in (None, ()) else f"`{each.default}`"
-    return f"| `{each.name}` | {default} | {_cell(each.metadata['about'])} |"
+def _setting(setting: Setting) -> str:
+    default = "" if setting.default in (None, ()) else f"`{setting.default}`"
+    return f"| `{setting.name}` | {default} | {_cell(setting.about)} |"
 
 
 def _page(name: str) -> str:

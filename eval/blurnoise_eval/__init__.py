@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.python_models import PythonDetector, TorchvisionDetector
     from blurnoise_eval.plan.axes import AXES
-    from blurnoise_eval.plan.conditions import SweepPlan
+    from blurnoise_eval.plan.plan import SweepPlan
     from blurnoise_eval.plan.question import Question
     from blurnoise_eval.run.evaluation import evaluate
     from blurnoise_eval.run.run import Run
@@ -33,7 +33,7 @@ _FROM = {
     "PythonDetector": "detectors.python_models",
     "Question": "plan.question",
     "Run": "run.run",
-    "SweepPlan": "plan.conditions",
+    "SweepPlan": "plan.plan",
     "TorchvisionDetector": "detectors.python_models",
     "evaluate": "run.evaluation",
     "expose": "single_picture",

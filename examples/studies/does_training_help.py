@@ -11,7 +11,7 @@ from pathlib import Path
 import kornia.augmentation as kornia
 import pandas
 from blurnoise_eval import datasets
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_models.augmentation import InShare, exposures
 from blurnoise_models.export import write_onnx

@@ -43,7 +43,7 @@ def in_a_file(command, words):
             stated |= [FLAGS[word]]
         elif not word.startswith("--") or word in options or "=" in word:
             left.append(word)
-        elif field in kind.names() or field in VEHICLE:
+        elif field in kind.settings() or field in VEHICLE:
             value, *words = words
             at = stated.setdefault("vehicle", {}) if field in VEHICLE else stated
             at[field] = yaml.safe_load(value)

@@ -1,7 +1,8 @@
 """Plans of a sweep, briefly."""
 
 from blurnoise_eval.plan.axes import FURTHER
-from blurnoise_eval.plan.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Conditions
+from blurnoise_eval.plan.plan import SweepPlan
 
 from blurnoise import Camera
 
@@ -13,16 +14,16 @@ def plan(
     lights_lux,
     right_px_s=(0.0,),
     down_px_s=(0.0,),
+    *,
     repeats=1,
     seed=0,
-    *,
     examples=True,
     **further,
 ):
     """The plan over the four axes that every condition states, and ``further`` ones by name."""
     core = {"exposure_s": exposures_s, "illuminance_lux": lights_lux}
     core |= {"velocity_x_px_s": right_px_s, "velocity_y_px_s": down_px_s}
-    return SweepPlan(core | further, repeats, seed, examples)
+    return SweepPlan(core | further, repeats=repeats, seed=seed, examples=examples)
 
 
 _OF_CAMERA = Conditions(exposure_s=1.0, illuminance_lux=1.0).on(IMX250)

@@ -23,7 +23,7 @@ import blurnoise
 from blurnoise_eval import datasets
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.system.machine import limited_threads

@@ -245,7 +245,7 @@ def _usage(error: typer.TyperException) -> str:
     option = str(getattr(error, "option_name", ""))
     command_name = path.removeprefix("blurnoise ")
     file, kind = getattr(COMMANDS.get(command_name) and function(command_name), "settings", ("", None))
-    if kind and (name := option.lstrip("-").replace("-", "_")) in kind.names():
+    if kind and (name := option.lstrip("-").replace("-", "_")) in kind.settings():
         return f"no such option: {option}; set '{name}: ...' in a file and pass it as --{file} FILE.yaml"
     text = error.format_message().rstrip(".").replace("Value error, ", "")
     for fault in getattr(error.__cause__, "errors", list)():

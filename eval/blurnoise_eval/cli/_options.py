@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextvars import ContextVar
-from dataclasses import fields
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
@@ -82,16 +81,14 @@ def region(text: str) -> Region:
 
 def option_of(kind: type[Settings], name: str) -> Any:
     """The type of the option of a setting: ``Keep = option_of(PlanFile, "keep")``."""
-    entry = next(each for each in fields(kind) if each.name == name)
-    about = entry.metadata
-    types = {"tuple[str, ...]": list[str], "int": int, "float": float}
-    typed: Any = str if about["read"] else types.get(str(entry.type).removesuffix(" | None"), str)
+    entry = kind.settings()[name]
+    typed: Any = {int: int, float: float, tuple[str, ...]: list[str]}.get(entry.kind, str)
     option = Option(
-        f"--{name.replace('_', '-')}",
-        *about["names"],
-        metavar=about["metavar"] or None,
-        help=about["about"],
-        rich_help_panel=about["panel"] or None,
+        entry.option,
+        *entry.names,
+        metavar=entry.metavar or None,
+        help=entry.about,
+        rich_help_panel=entry.panel or None,
         show_default=False,
     )
     return Annotated[typed | None, option]
@@ -105,7 +102,7 @@ def settings(
     names: of the settings; "*": one for each axis. file: --plan FILE has all settings, which the options override.
     template: whether --save-plan writes such a file.
     """
-    axes = [each.key for each in getattr(kind, "AXES", ())]
+    axes = [name for name, each in kind.settings().items() if each.panel]
     chosen = [each for name in names for each in (axes if name == "*" else [name])]
 
     def save(path: Path | None) -> None:
@@ -132,10 +129,10 @@ def settings(
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @wraps(command)
         def run(settings_file: Path | None = None, saved_to: None = None, **options: Any) -> None:
-            config = kind() if settings_file is None else kind.read(settings_file)
             values = {name: options.pop(name) for name in chosen}
             values = {name: value for name, value in values.items() if value not in (None, [])}
-            command(config=config.stating(values), **options)
+            config = kind.of(values) if settings_file is None else kind.read(settings_file, values)
+            command(config=config, **options)
 
         own = signature(command, eval_str=True)
         parameters = list(own.parameters.values())

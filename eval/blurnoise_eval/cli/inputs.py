@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from blurnoise.camera.colour import Cfa
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
-    from blurnoise_eval.plan.files import PlanFile, Taking
+    from blurnoise_eval.plan.files import PlanFile
     from blurnoise_eval.scoring.on_picture import Model
 
 
@@ -46,16 +46,15 @@ def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | N
     named = plan.camera is not None
     chosen = camera(plan.camera, cfa=plan.cfa) if named else default_for(pictures, plan.cfa)
     about = camera_text(chosen, colour=chosen.sensor.cfa != "none" or in_colour(pictures))
-    return chosen, "; ".join(filter(None, [about, about_lux(plan, chosen)])) or None
+    return chosen, "; ".join(filter(None, [about, about_lux(plan.camera, chosen)])) or None
 
 
-def about_lux(config: Taking, camera: Camera) -> str | None:
-    """A line on how lux are calibrated, if the user sets lux for a camera of their own file."""
+def about_lux(named: str | None, camera: Camera) -> str | None:
+    """A line on how lux are calibrated, for a camera of the user's own file."""
     from blurnoise.camera import PRESETS
     from blurnoise_eval.calibration.light import lux_text
 
-    has_lux = getattr(config, "lux", None) is not None
-    return lux_text(camera) if has_lux and config.camera not in (None, *PRESETS) else None
+    return None if named in (None, *PRESETS) else lux_text(camera)
 
 
 def detector(model: Path | None, contract: str | None) -> Detector:

@@ -124,9 +124,9 @@ def inspect(
 def _pictures(probe: Location) -> tuple[Pictures, tuple[str, ...]]:
     """The picture, or up to 32 pictures of a folder or of labels; and notes about them. Raises ``ValueError`` where
     none can be read."""
+    from blurnoise_eval.contracts.comparison import MOST_PICTURES
     from blurnoise_eval.datasets import eight_bit, image_folder, picture_doubts, read_picture, sample
     from blurnoise_eval.label_formats import SUFFIXES, format_of
-    from blurnoise_eval.run.contract_checks import MOST_PICTURES
 
     labelled = probe.suffix.lower() in SUFFIXES
     if not labelled and not (isinstance(probe, Path) and probe.is_dir()):
@@ -141,10 +141,10 @@ def _pictures(probe: Location) -> tuple[Pictures, tuple[str, ...]]:
 
 def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple[Detector, dict[str, Any]]:
     """The detector, and facts about its contract."""
+    from blurnoise_eval.contracts.comparison import compared, output_problems
     from blurnoise_eval.detectors.contract_files import contract_option
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.recognition import drawn_picture
-    from blurnoise_eval.run.contract_checks import compared, output_problems
 
     detector = Detector(model, contract=contract)
     source = detector.contract.sources["family"]

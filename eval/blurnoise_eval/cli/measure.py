@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -20,8 +20,9 @@ from blurnoise_eval.cli._options import (
     settings,
 )
 from blurnoise_eval.plan.axes import AXES
-from blurnoise_eval.plan.files import LISTS, PlanFile, with_axes
-from blurnoise_eval.plan.settings import setting
+from blurnoise_eval.plan.files import PlanFile
+from blurnoise_eval.plan.plan import SweepPlan, with_defaults
+from blurnoise_eval.plan.settings import Text, nested, setting
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show, width
 
@@ -30,27 +31,36 @@ if TYPE_CHECKING:
 
     from blurnoise_eval.measure.edges import MeasuredEdge
 
-USUAL = {
-    "exposure_ms": "0.5,1,2,5,10,15,20,30,45,60,90",
-    "lux": "5,50,500",
-    "dx": "0,200,500,1000",
-    "dy": "0",
-    "gain": "0",
-}
-_AXES = tuple(  # the charts have no common mean to meter, so nothing is automatic
-    replace(axis, automatic=False, about=axis.about.partition("; auto")[0]) for axis in AXES
-)
 _LABEL_WIDTH, _REGION_WIDTH, _PIPE_WIDTH = 24, 28, 80  # of the table's columns, in characters
 
 
+@dataclass(frozen=True, kw_only=True)
+class ChartPlan(SweepPlan):
+    """A plan with this command's defaults of axes and repeats."""
+
+    AXES = with_defaults(
+        [  # the charts have no common mean to meter, so nothing is automatic
+            replace(axis, automatic=False, about=axis.about.partition("; auto")[0]) for axis in AXES
+        ],
+        exposure_s=[ms / 1e3 for ms in (0.5, 1, 2, 5, 10, 15, 20, 30, 45, 60, 90)],
+        illuminance_lux=(5, 50, 500),
+        velocity_x_px_s=(0, 200, 500, 1000),
+        velocity_y_px_s=(0,),
+        gain_db=(0,),
+    )
+
+    repeats: int = setting(2, "number of repeats with other noise (default: 1; 2 for charts)")
+
+
 @dataclass(frozen=True)
-class ChartPlan(with_axes(LISTS, "LIST", USUAL, _AXES), PlanFile):  # type: ignore[misc]  # its fields are the table's
-    """A plan with the defaults of this command for camera and axes."""
+class ChartFile(PlanFile):
+    """A plan's file with this command's plan and camera."""
 
-    camera: str | None = setting(None, "a preset or a camera file (default: imx250m)", "NAME|FILE")
+    plan: ChartPlan = nested(ChartPlan)
+    camera: Text | None = setting(None, "a preset or a camera file (default: imx250m)", "NAME|FILE")
 
 
-@settings(ChartPlan, "camera", "exposure_ms", "lux", "dx", "dy", "gain", template=False)
+@settings(ChartFile, "camera", "exposure_ms", "lux", "dx", "dy", "gain", template=False)
 def measure(
     image: Annotated[
         Path | None,
@@ -92,7 +102,7 @@ def measure(
             help="target square for SNRI: side, 1 to 64 px, and contrast to the mean level (default: 10,0.1)",
         ),
     ] = None,
-    config: ChartPlan,
+    config: ChartFile,
     as_json: Json = False,
 ) -> None:
     """Measure image quality at the slanted edges of a picture, or of simulated charts over exposure, light and
@@ -132,8 +142,12 @@ def measure(
             raise ValueError("output: is missing; set -o DIR, or IMAGE to measure a picture")
         _measure_charts(config, output, as_json)
         return
-    names = [entry.name for entry in fields(ChartPlan)]
-    changed = {name: getattr(config, name) != getattr(ChartPlan(), name) or None for name in names}
+    usual = ChartFile.of({})
+    changed: dict[str, Any] = {
+        axis.key: config.plan.values(axis.name) != usual.plan.values(axis.name) or None
+        for axis in ChartPlan.AXES
+    }
+    changed |= {"camera": config.camera, "plan": config != usual or None}
     inputs.refuse_unused(changed, "simulated charts, so no IMAGE")
     from blurnoise.metrics.edge.response import ISO_EDITION
     from blurnoise_eval.calibration.tone import read_oecf
@@ -165,14 +179,14 @@ def measure(
     say(*(output / name for name in ("edges.csv", "edges.png") if output))
 
 
-def _measure_charts(config: ChartPlan, output: Path, as_json: bool) -> None:
+def _measure_charts(config: ChartFile, output: Path, as_json: bool) -> None:
     camera = inputs.camera(config.camera, config.cfa, colour=False)
     workers = inputs.threads(config.threads)
     from blurnoise_eval.measure import charts
     from blurnoise_eval.measure.figures import write
     from blurnoise_eval.system.files import check_outputs
 
-    plan = config.sweep_plan(repeats=2)
+    plan = config.plan
     charts.check(camera, plan)
     check_outputs(output, "quality.csv", "quality.json", "figures/exposure-*.png")
     output.mkdir(parents=True, exist_ok=True)

@@ -17,7 +17,6 @@ from blurnoise_eval.cli._options import (
     Score,
     Threshold,
     Trust,
-    new_folder,
     new_place,
 )
 from blurnoise_eval.cli.console import print_opening
@@ -55,14 +54,6 @@ def report(
             "the targets as coco/MODEL-instances.json",
         ),
     ] = False,
-    fiftyone: Annotated[
-        Path | None,
-        Option(
-            parser=new_folder,
-            metavar="DIR",
-            help="also write a FiftyOne data set: simulated pictures with targets, predictions and conditions",
-        ),
-    ] = None,
     images: Annotated[
         Path | None,
         Option(
@@ -77,7 +68,6 @@ def report(
       blurnoise report run --keep 0.8
       blurnoise report run --score ap50 --threshold 0.3
       blurnoise report run --coco           also the detections, as COCO
-      blurnoise report run --fiftyone dataset   also a FiftyOne data set
       blurnoise report run -o other         into another folder
 
     Settings that no option changes are those of the sweep.
@@ -94,8 +84,6 @@ def report(
     question = Question(threshold=threshold, keep=keep, score=score, cluster=cluster)
     with read_run(run) as folder, nullcontext(folder) if output is None else output_folder(output) as written:
         done = Run.open(folder, question, trust=trust, images=images, progress=True)
-        if fiftyone:
-            say(done.write_fiftyone(fiftyone), error=True)
         print_run(done, written, coco=coco, as_json=as_json)
         if coco:
             folder_text = written.with_url(written.path / "coco")

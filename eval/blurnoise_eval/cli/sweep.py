@@ -45,19 +45,17 @@ def computed(config: PlanFile, output: Location, as_json: bool, strategy: str) -
     workers = config.threads if config.address else inputs.threads(config.threads)
     engine = engine_of(config.engine, workers, config.address)
     models, pictures = inputs.subject(config)  # before a folder is made
-    plan = config.sweep_plan()
     camera, about_camera = inputs.camera_of_run(config, pictures)
     with written_run(output) as folder:
         done = evaluate(
             models,
-            pictures,
+            pictures.part(config.part) if config.part else pictures,
             camera,
-            plan,
+            config.plan,
             config.question,
             replace(folder, command=inputs.command()),
             strategy=strategy,
             engine=engine,
-            part=config.part,
             progress=True,
         )
         print_run(done, as_json=as_json, about_camera=about_camera)

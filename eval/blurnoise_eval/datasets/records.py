@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -59,12 +61,37 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Part:
+    """The ``number``th of ``count`` parts of a set of pictures, from 1 on: the same on every machine."""
+
+    number: int
+    count: int
+
+    @classmethod
+    def parse(cls, text: str) -> Part:
+        """Of "1/4". Raises ``ValueError`` for anything else."""
+        found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+        if not found or not 1 <= int(found[1]) <= int(found[2]):
+            raise ValueError(f"part = {text!r}: must be K/N with 1 <= K <= N, such as 1/4")
+        return cls(int(found[1]), int(found[2]))
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    def has(self, picture: str) -> bool:
+        """Whether a picture of this name belongs to it, by the name's hash."""
+        digest = hashlib.blake2b(picture.encode("utf-8", "surrogatepass"), digest_size=8).digest()
+        return int.from_bytes(digest, "little") % self.count == self.number - 1
+
+
+@dataclass(frozen=True)
 class PictureSet:
     """Pictures of one kind ("rendered", "folder", or a label format's) and where they come from.
 
     categories: ids of the labels, COCO's own, or by default from 1 on as they occur. notes: what was left out or
     assumed, how much of it, and what is doubtful. chosen: which targets count, in words; "" for all. folder: of its
-    files. Raises ``ValueError`` for a name that occurs twice: results are told apart by it.
+    files. whole: the set that these pictures are a part of, of_part: which one, see :meth:`part`. Raises
+    ``ValueError`` for a name that occurs twice: results are told apart by it.
     """
 
     kind: str
@@ -74,6 +101,8 @@ class PictureSet:
     notes: tuple[str, ...] = ()
     chosen: str = ""
     folder: Path | None = None
+    whole: PictureSet | None = None
+    of_part: Part | None = None
 
     def __post_init__(self) -> None:
         names: set[str] = set()
@@ -84,6 +113,22 @@ class PictureSet:
         if not self.categories:
             labels = dict.fromkeys(t.label for picture in self.pictures for t in picture.targets or ())
             object.__setattr__(self, "categories", {label: n for n, label in enumerate(labels, start=1)})
+
+    def part(self, text: str) -> PictureSet:
+        """A part of the set: "1/4" is the first quarter, by the names of pictures, the same on every machine.
+
+        Raises ``ValueError`` for another text, and for a part without pictures.
+        """
+        part = Part.parse(text)
+        pictures = tuple(picture for picture in self.pictures if part.has(picture.name))
+        if not pictures:
+            raise ValueError(f"part = {text!r}: none of the {len(self)} pictures are in it")
+        return replace(self, pictures=pictures, whole=self, of_part=part)
+
+    @property
+    def every(self) -> PictureSet:
+        """The whole set: of a part the one that it is of."""
+        return self.whole or self
 
     @property
     def labelled(self) -> bool:

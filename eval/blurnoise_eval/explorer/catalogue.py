@@ -92,6 +92,7 @@ class Catalogue:
             self._run = _run_of_detectors(path if path.is_dir() else path.parent, images, trust=trust)
         elif images or trust:
             raise ValueError(f"{'images' if images else 'trust'}: needs a run")
+        self._tested = tested_values(self._run) if self._run else None
         self._entries = {
             "picture": _pictures(self._run, path),
             "camera": _cameras(self._run, camera),
@@ -150,7 +151,7 @@ class Catalogue:
     def controls(self, state: State) -> dict[str, Control]:
         """The controls of a state's camera and picture; a run's sliders have the values that it tested."""
         camera = self.camera(replace(state, figures=()))
-        every = controls(camera, tested_values(self._run) if self._run else None)
+        every = controls(camera, self._tested)
         if not state.picture.startswith(("sign-", f"{OF_RUN}/")):  # the targets of others are unknown
             del every[MOVES.name]
         return every

@@ -28,14 +28,14 @@ from torch import Tensor
 from blurnoise import charts, simulate
 from blurnoise.camera import Camera
 from blurnoise.camera.radiometry import photoelectrons
-from blurnoise.light.conditions import of_one_exposure
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
 from blurnoise.metrics.values import BatchEstimate, Estimate
 from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.measure.edges import EDGE_METRICS, EdgePair, Metric, TargetSquare
 from blurnoise_eval.plan.axes import EGO, MOVES, blur_px
-from blurnoise_eval.plan.conditions import Conditions, SweepPlan, cell_seed
+from blurnoise_eval.plan.conditions import Conditions, cell_seed
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.system.files import write_records
 from blurnoise_eval.system.machine import limited_threads
 from blurnoise_eval.system.tables import finite
@@ -305,7 +305,9 @@ def check(camera: Camera, plan: SweepPlan) -> None:
             raise ValueError(f"{name}: must be {must}")
     if plan.lamps is not None:
         raise ValueError("emitters, pwm: must be left out; a chart has no lamps")
-    of_one_exposure(camera)
+    if len(camera.sensor.captures) > 1:  # a chart's metrics are of one frame's digital numbers
+        count = len(camera.sensor.captures)
+        raise ValueError(f"camera: {camera.name!r} has {count} captures; must have one for a chart")
     for conditions in plan.conditions():
         conditions.exposure(camera)
 

@@ -147,6 +147,11 @@ class Axis:
         """Its name in files of settings: the option's."""
         return self.option.lstrip("-").replace("-", "_")
 
+    @property
+    def default_text(self) -> str:
+        """The default as it is typed."""
+        return ",".join(map(self.typed, self.default))
+
     def values(self, stated: float | str | Iterable[float | str]) -> tuple[float, ...]:
         """Values of an option or a file, in the option's unit, :meth:`checked` and in the column's.
 

@@ -1,38 +1,70 @@
 """Lamps of a plan's pictures: targets that are brighter than the picture has them, and pulsed lamps (PWM).
 
-Domain: light as a multiple of the picture's; Hz; phases in periods, as :mod:`blurnoise.light.flicker` has them.
+Domain: light as a multiple of the picture's; Hz; phases in periods, as :mod:`blurnoise.light.lamp` has them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any
 
-from blurnoise._core.checks import in_range
-from blurnoise.light.flicker import Pwm
+from pydantic import BeforeValidator
+
 from blurnoise_eval.plan.axes import numbers
+from blurnoise_eval.plan.settings import Settings, Text, setting
+
+if TYPE_CHECKING:
+    from blurnoise.light.lamp import Pwm
 
 TARGETS = "targets"
 """The targets of every picture: the place of lamps, as scenes have a mask's file."""
 RANDOM = "random"
 
 
+def phases_of(given: Any) -> tuple[float, ...]:
+    """Phases of a file: "random", none, or numbers as axes have them. Raises ``ValueError``."""
+    if isinstance(given, str) and given == RANDOM:
+        return ()
+    try:
+        every = given if isinstance(given, list | tuple) else [given]
+        return tuple(value for one in every for value in numbers(str(one)))
+    except ValueError as error:
+        raise ValueError(f"{error}, or {RANDOM}") from None
+
+
+Phases = Annotated[tuple[float, ...], BeforeValidator(phases_of)]
+
+
 @dataclass(frozen=True)
-class Lamps:
-    """Lamps of every picture, in the words of a plan's file. Raises ``ValueError`` naming the setting.
+class Lamps(Settings):
+    """Lamps of every picture. Raises ``ValueError`` naming the setting.
 
     emitters: "targets:FACTOR", so many times brighter. pwm: "HZ,DUTY[,PHASE]". pwm_mask: "targets" for pulses that
     light these alone; None: they light the whole scene. pwm_phase: where in its period the lamp is when an exposure
     begins, a value for each repeat in turn; none: at random, by the seed of the cell, as scenes have it.
     """
 
-    emitters: str | None = None
-    pwm: str | None = None
-    pwm_mask: str | None = None
-    pwm_phase: tuple[float, ...] = ()
+    emitters: Text | None = setting(
+        None,
+        "targets:FACTOR: the targets are lamps, FACTOR times brighter than in the picture",
+        "targets:FACTOR",
+    )
+    pwm: Text | None = setting(None, "a pulsed lamp: frequency in Hz, and duty cycle", "HZ,DUTY")
+    pwm_mask: Text | None = setting(
+        None, "targets: only the targets are pulsed lamps (default: they light the whole scene)", "targets"
+    )
+    pwm_phase: Phases = setting(
+        (),
+        "phase of the lamp when an exposure begins, 0 to 1: random for each picture and repeat (default), or "
+        "values for all pictures, over which scores are averaged",
+        "random|LIST",
+    )
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pwm_phase", tuple(self.pwm_phase))
+        from blurnoise._core.checks import in_range
+
+        super().__post_init__()
         if self.emitters is not None and emitters_of(self.emitters)[0] != TARGETS:
             raise ValueError(f"emitters = {self.emitters!r}: must be {TARGETS}:FACTOR in a plan")
         if self.pwm_mask not in (None, TARGETS):
@@ -67,6 +99,8 @@ class Lamps:
         """The pulses of a cell; None without."""
         if self.pwm is None:
             return None
+        from blurnoise.light.lamp import Pwm
+
         lamp, _ = pwm_of(self.pwm)
         if not self.phases:
             return lamp.with_phase_of(seed)
@@ -75,6 +109,8 @@ class Lamps:
 
 def pwm_of(text: str) -> tuple[Pwm, bool]:
     """The lamp of "HZ,DUTY[,PHASE]", and whether it has a phase. Raises ``ValueError`` for another text."""
+    from blurnoise.light.lamp import Pwm
+
     try:
         figures = [float(part) for part in text.split(",")]
     except ValueError:
@@ -89,6 +125,8 @@ def pwm_of(text: str) -> tuple[Pwm, bool]:
 
 def emitters_of(text: str) -> tuple[str, float]:
     """Place and factor of "WHERE:FACTOR". Raises ``ValueError`` for another text."""
+    from blurnoise._core.checks import in_range
+
     where, _, factor = text.rpartition(":")
     try:
         times = float(factor)
@@ -97,14 +135,3 @@ def emitters_of(text: str) -> tuple[str, float]:
     if not where:
         raise ValueError(f"emitters = {text!r}: must be MASK.png:FACTOR, of a plan {TARGETS}:FACTOR")
     return where, in_range("emitters: factor", times, 0.0, 1e6)
-
-
-def phases_of(text: object) -> tuple[float, ...]:
-    """Phases of a file: "random", none, or numbers as axes have them. Raises ``ValueError``."""
-    if text == RANDOM:
-        return ()
-    try:
-        each = text if isinstance(text, list | tuple) else [text]
-        return tuple(value for one in each for value in numbers(str(one)))
-    except ValueError as error:
-        raise ValueError(f"{error}, or {RANDOM}") from None

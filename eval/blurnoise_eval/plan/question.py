@@ -8,9 +8,11 @@ Domain: ``threshold`` and ``keep`` are shares, 0 to 1; scores are those of
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Annotated, Self
 
-from blurnoise_eval.plan.settings import Settings, setting
+from annotated_types import Ge, Gt, Le
+
+from blurnoise_eval.plan.settings import Settings, Text, setting
 
 
 @dataclass(frozen=True)
@@ -27,43 +29,33 @@ class Question(Settings):
     Question(keep=0.8, threshold=None, score='ap50', cluster='tour-[0-9]+')
     """
 
-    keep: float | None = setting(
+    keep: Annotated[float | None, Gt(0), Le(1)] = setting(
         None,
         "required share of the score on the original pictures (default: 0.9 for your own pictures)",
         "SHARE",
     )
-    threshold: float | None = setting(
+    threshold: Annotated[float | None, Ge(0), Le(1)] = setting(
         None, "required score, instead of a required share (default: 0.6 for rendered pictures)", "C"
     )
-    score: str | None = setting(
+    score: Text | None = setting(
         None,
         "score to judge by: target_confidence, detection_rate, recall@0.1 (recall at 0.1 false positives per "
         "original picture), ap50, ap, or exact_match for text (default: target_confidence; exact_match for your own "
         "texts)",
         "NAME",
     )
-    cluster: str | None = setting(
+    cluster: Text | None = setting(
         None,
         "regular expression; pictures with the same match form a cluster, such as the frames of one drive",
         "REGEX",
     )
 
     def __post_init__(self) -> None:
-        from blurnoise._core.checks import in_range  # late: options of the command line are made from here
-
+        super().__post_init__()
         if self.threshold is not None and self.keep is not None:
             raise ValueError(
                 f"keep = {self.keep!r}: cannot be combined with threshold = {self.threshold!r}; specify one"
             )
-        if self.keep is not None:
-            in_range("keep", self.keep, 0.0, 1.0, above=True)
-        if self.threshold is not None:
-            in_range("threshold", self.threshold, 0.0, 1.0)
-
-    @property
-    def question(self) -> Question:
-        """The question alone, of a file that has further settings."""
-        return Question(**{name: getattr(self, name) for name in Question.names()})
 
     @property
     def is_open(self) -> bool:

@@ -22,14 +22,14 @@ from blurnoise_eval.system.files import check_outputs, path_within, write_whole
 INSTANCES = Path("coco") / "instances.json"
 
 
-def write_truth(pictures: PictureSet, run: Path, whole: PictureSet | None = None) -> None:
+def write_truth(pictures: PictureSet, run: Path) -> None:
     """Write what is in the pictures to ``run``/coco/instances.json; without labels it lists the pictures only.
 
-    ids, areas, segmentations and crowds are those of the data set where it has them. whole: the set that the pictures
-    are a part of, whose ids they have. Raises ``OSError``.
+    ids, areas, segmentations and crowds are those of the data set where it has them. A part has the ids of the whole.
+    Raises ``OSError``.
     """
-    whole, own = whole or pictures, {picture.name for picture in pictures}
-    every = [(picture, target) for picture in whole for target in picture.targets or ()]
+    own = {picture.name for picture in pictures}
+    every = [(picture, target) for picture in pictures.every for target in picture.targets or ()]
     used = {target.annotation.get("id") for _, target in every}
     fresh = (number for number in count(1) if number not in used)
     annotations: list[dict[str, Any]] = []

@@ -14,7 +14,7 @@ from functools import lru_cache
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.engines import Engine, ThreadEngine, WorkerDied
 from blurnoise_eval.run.work import Block, Work, blocks
 from blurnoise_eval.scoring.on_picture import Model
@@ -69,18 +69,8 @@ def compute(
     outcome = Outcome()
     keeps(lambda: outcome.computed + outcome.resumed > 0)
     failures = dict.fromkeys((model.name for model in models), 0)  # of models that never answered
-    work = Work(
-        tuple(models),
-        camera,
-        plan.grey_anchor,
-        plan.picture_tone,
-        plan.auto_exposure,
-        plan.objects,
-        plan.path,
-        plan.ego,
-        plan.lamps,
-        plan.hdr_white,
-    )
+    # without the chosen conditions, so that processes with the same work stay from batch to batch
+    work = Work(tuple(models), camera, plan.of_every_cell)
     # as a picture begins, for no cell comes twice; two pictures take turns
     finished = lru_cache(2)(store.done)
 

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,16 +16,15 @@ from blurnoise_eval import datasets
 from blurnoise_eval.answers.clusters import check_cluster
 from blurnoise_eval.answers.criterion import criterion_for
 from blurnoise_eval.cameras import find
+from blurnoise_eval.contracts.comparison import contracts_chosen
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.default_camera import default_for
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.detectors.python_models import Find, PythonDetector
-from blurnoise_eval.plan.axes import AXES
-from blurnoise_eval.plan.conditions import Part, SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan, usual_plan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.computing import Outcome, compute
-from blurnoise_eval.run.contract_checks import contracts_chosen
 from blurnoise_eval.run.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.run.exposing import check_plan
 from blurnoise_eval.run.identity import begun_or_gone, note_models, open_run
@@ -58,28 +56,30 @@ def evaluate(
     *,
     strategy: str | StrategyOf = "refine",
     engine: str | Engine = "threads",
-    part: str | None = None,
     progress: bool | None = None,
     overwrite: bool = False,
 ) -> Run:
     """Run models over pictures under the conditions of a plan, as ``blurnoise sweep`` does.
 
-    models: ONNX files, models already opened, or functions from an RGB picture (H, W, 3), uint8, to boxes, scores and
-    names of classes (:mod:`blurnoise_eval.detectors.python_models`); by default the built-in stop-sign detector.
-    pictures: of :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file,
-    or a camera; by default :func:`~blurnoise_eval.default_camera.default_for` these pictures.
-    plan: by default :func:`usual_plan`. question: the score that is enough, and the pictures that count as one; by
-    default 0.9 of the score on the original pictures, and a mean confidence of 0.6 for rendered ones. output: the
-    run's folder; a run begun there goes on; for one at a URL a
-    :func:`~blurnoise_eval.system.working_folder.written_run`.
-    strategy: "grid": every condition of the plan; "refine": then more exposures where a window ends between two
-    tested ones, to a quarter of a stop; "search": the ends of the windows from few conditions, in place of the grid;
-    or a :class:`~blurnoise_eval.run.strategy.Strategy` of your own, made of the plan and the camera.
+    models: ONNX files, opened models, or functions from an RGB picture (H, W, 3), uint8, to boxes, scores and names
+        of classes (:mod:`blurnoise_eval.detectors.python_models`). Default: the built-in stop-sign detector.
+    pictures: of :mod:`blurnoise_eval.datasets`. ``pictures.part("1/4")`` is the first quarter; a part is not refined,
+        and :func:`~blurnoise_eval.run.merging.merge` joins the parts. Default: rendered stop signs.
+    camera: a preset's name, a file, or a camera. Default: :func:`~blurnoise_eval.default_camera.default_for` these
+        pictures.
+    plan: the conditions. Default: :func:`usual_plan`.
+    question: the score that is enough, and the pictures that count as one. Default: 0.9 of the score on the original
+        pictures, and a mean confidence of 0.6 for rendered ones.
+    output: the run's folder; a run begun there goes on. For a run at a URL, a
+        :func:`~blurnoise_eval.system.working_folder.written_run`.
+    strategy: "grid": every condition of the plan. "refine": then more exposures where a window ends between two
+        tested ones, to a quarter of a stop. "search": the ends of the windows from few conditions, in place of the
+        grid. Or a function that makes a :class:`~blurnoise_eval.run.strategy.Strategy` of the plan and the camera.
     engine: "threads", "processes" or "ray" with a worker per core, or an
-    :class:`~blurnoise_eval.run.engines.Engine` such as ``ThreadEngine(2)``. part: "1/4": only the first quarter of
-    the pictures, by their names, which is not refined; :func:`~blurnoise_eval.run.merging.merge` joins the parts.
-    progress: whether to draw a bar on the terminal. overwrite: replace files in the folder that blurnoise did not
-    write, or that were changed since; inputs and folders never are.
+        :class:`~blurnoise_eval.run.engines.Engine` such as ``ThreadEngine(2)``.
+    progress: whether to draw a bar on the terminal.
+    overwrite: replace files in the folder that blurnoise did not write, or that were changed since; inputs and
+        folders never are.
 
     Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
@@ -97,58 +97,45 @@ def evaluate(
     ):
         if value is not None and not isinstance(value, kind):
             raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
-    strategy_of = _strategy_of(strategy, part)
     opened = _opened(models, pictures)
-    whole = usual_pictures(opened) if pictures is None else pictures
-    camera = default_for(whole) if named is None else named
+    pictures = usual_pictures(opened) if pictures is None else pictures
+    camera = default_for(pictures.every) if named is None else named
     question = Question() if question is None else question
-    check_cluster(question.cluster, (picture.name for picture in whole))
-    pictures, of_part = _in_part(whole, part)
+    check_cluster(question.cluster, (picture.name for picture in pictures.every))
     plan = usual_plan() if plan is None else plan
     of_pictures = {"rendered": pictures.kind == "rendered", "labelled": pictures.labelled}
     criterion_for(question, reads=not isinstance(opened[0], Detector), **of_pictures)
     check_plan(plan, camera, pictures)
-    chosen = strategy_of(plan, camera)
+    chosen = _strategy_of(strategy, pictures)(plan, camera)
     with (
-        begun_or_gone(folder.path, opened, whole, overwrite=overwrite),
+        begun_or_gone(folder.path, opened, pictures.every, overwrite=overwrite),
         Store(folder.path, create=True) as store,
         staying(computed_by) as engine_kept,
     ):
-        opened, comparisons = contracts_chosen(opened, whole, say=progress)
+        opened, comparisons = contracts_chosen(opened, pictures.every, say=progress)
         facts = {"command": folder.command, **engine_facts(computed_by)}
-        open_run(store, opened, camera, pictures, chosen.plan, facts, whole=whole, part=of_part)
+        open_run(store, opened, camera, pictures, chosen.plan, facts)
         store.set_about(QUESTION, vars(question))
         if chosen.search_space is not None:
             note_search_space(store, chosen.search_space)
         computing = partial(compute, opened, camera, pictures, store=store, engine=engine_kept)
         outcome = _computed(chosen, Run(store), pictures, computing, progress)
         note_models(store, opened, pictures, comparisons, computed=outcome.computed)
-    run = Run.open(folder, question, trust=True, images=whole, progress=progress)
+    run = Run.open(folder, question, trust=True, images=pictures.every, progress=progress)
     run.outcome = outcome
     return run
 
 
-def _strategy_of(strategy: str | StrategyOf, part: str | None) -> StrategyOf:
+def _strategy_of(strategy: str | StrategyOf, pictures: PictureSet) -> StrategyOf:
     """By its name. A part is a grid: which exposures follow depends on the scores of all pictures."""
     if not isinstance(strategy, str):
         return strategy
     one_of("strategy", strategy, STRATEGIES)
-    if part is not None and strategy == "search":
+    if pictures.whole is not None and strategy == "search":
         raise ValueError(
-            f"part = {part!r}: cannot be combined with strategy = 'search', which needs all pictures"
+            f"part = '{pictures.of_part}': cannot be combined with a search, which needs all pictures"
         )
-    return STRATEGIES["grid" if part is not None else strategy]
-
-
-def _in_part(whole: PictureSet, part: str | None) -> tuple[PictureSet, Part | None]:
-    """The pictures of a part. Raises ``ValueError`` where it has none."""
-    if part is None:
-        return whole, None
-    of_part = Part.parse(part)
-    pictures = tuple(picture for picture in whole if of_part.has(picture.name))
-    if not pictures:
-        raise ValueError(f"part = {part!r}: none of the {len(whole)} pictures are in it")
-    return replace(whole, pictures=pictures), of_part
+    return STRATEGIES["grid" if pictures.whole is not None else strategy]
 
 
 def _computed(
@@ -177,11 +164,6 @@ def _computed(
 def usual_pictures(models: Sequence[Model]) -> PictureSet:
     """Rendered stop signs for detectors; for readers, the word on them."""
     return datasets.rendered_signs() if isinstance(models[0], Detector) else datasets.rendered_texts()
-
-
-def usual_plan() -> SweepPlan:
-    """The conditions that a sweep tests if not told, with a noise field for each picture."""
-    return SweepPlan({axis.name: axis.default for axis in AXES if axis.default})
 
 
 def _opened(models: Any, pictures: PictureSet | None) -> list[Model]:

@@ -19,12 +19,12 @@ import numpy as np
 
 from blurnoise._core.writing import remove_made
 from blurnoise.camera import Camera
+from blurnoise_eval.contracts.comparison import Comparison
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, sample
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.plan.conditions import Part, SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.coco_export import write_truth
-from blurnoise_eval.run.contract_checks import Comparison
 from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.scoring.on_picture import Model, Picture8
 from blurnoise_eval.store import queries
@@ -47,13 +47,10 @@ def open_run(
     pictures: PictureSet,
     plan: SweepPlan,
     facts: dict[str, Any],
-    *,
-    whole: PictureSet | None = None,
-    part: Part | None = None,
 ) -> None:
     """Note in the store what the run is; one without any answer, of a first attempt, is taken over.
 
-    ``facts``: what else the report shows (command, threads). part: which of the pictures of ``whole`` these are.
+    facts: what else the report shows (command, threads).
     Raises :class:`StoreError` that lists what differs from the run in the store, ``ValueError`` for two models of one
     name.
     """
@@ -62,7 +59,7 @@ def open_run(
         raise ValueError(f"model = {names}: must have different names; rename one, as in model.name = 'b'")
     if plan.picture_tone != "srgb" and pictures.kind == "rendered":
         raise ValueError("picture_tone: needs pictures of your own; rendered pictures are sRGB-coded")
-    every = whole or pictures
+    every, part = pictures.every, pictures.of_part
     identity = {
         "model": [
             {"name": each.name, "sha256": each.sha256, "contract": _unsourced(each.contract.to_dict())}
@@ -92,7 +89,7 @@ def open_run(
             f"run = {str(store.folder)!r}: holds a run with another {listed(differing)}; "
             "choose another folder; a run is resumed with the same command and the same version of blurnoise"
         )
-    write_truth(pictures, store.folder, whole)
+    write_truth(pictures, store.folder)
     store.set_about("identity", identity)
     before = {} if earlier is None else earlier.models
     images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}

@@ -20,7 +20,8 @@ from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.answers.rows import AnswerRow
 from blurnoise_eval.plan.axes import AUTOMATIC, EXPOSURE
-from blurnoise_eval.plan.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Conditions
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search_space import SearchSpace
 from blurnoise_eval.run.setup import Batch

@@ -26,18 +26,17 @@ from blurnoise_eval.datasets import Picture, PictureSet, eight_bit
 from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
-from blurnoise_eval.plan.axes import CORE
-from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Cell
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
-from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, write_tables
 from blurnoise_eval.run.coco_export import detection_files, write_detections
 from blurnoise_eval.run.computing import Outcome
-from blurnoise_eval.run.exposing import Frame, Scene, frames
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 from blurnoise_eval.run.pictures import original_picture, pictures_of_run
 from blurnoise_eval.run.score_tables import on_lines, run_averages, score_tables, withheld_models
 from blurnoise_eval.run.setup import Batch, Setup, note_batch
-from blurnoise_eval.run.tables import of_page, search_counts, strategy_sentences, tables_of
+from blurnoise_eval.run.tables import of_page, strategy_sentences, summary_of, tables_of
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.checks import check_rows
 from blurnoise_eval.store.columns import CONDITIONS
@@ -45,7 +44,6 @@ from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.files import RUN_FILES, check_outputs, path_within, write_whole, writing
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.tables import plain
 from blurnoise_eval.system.working_folder import WorkingFolder, fetched, working_folder
 
 if TYPE_CHECKING:
@@ -254,25 +252,12 @@ class Run:
 
     def summary(self, output: str | Path | WorkingFolder | None = None) -> dict[str, Any]:
         """The contents of summary.json. output: the folder of the report, by default the run's."""
-        written, tables = self._output(output), self.tables
-        about = tables.manifest
-        summary: dict[str, Any] = {
+        written = self._output(output)
+        places = {
             "run": self._working.with_url(self.folder),
             "report": written.with_url(written.path / "report.html"),
-            "cells": about["n_cells"],
-            **{name: about[name] for name in ("missing_cells", "refined")},
-            "skipped": self.skipped,
-            "criterion": self.criterion.row(),
-            "threshold": self.criterion.level,
-            **{name: about[name] for name in ("withheld", "withheld_models")},
-            "targets_found": about.get("targets_found", {}),
-            "reflectance": reflectance(tables),
-            "cluster": self.criterion.cluster,
-            "software": about["software"],
-            "models": self.models,
-            "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
-            "decided": search_counts(self.setup),
         }
+        summary = places | summary_of(self.tables, self.setup)
         if self.outcome is not None:
             names = ("computed", "resumed", "wall_s", "workers_died")
             summary |= {name: getattr(self.outcome, name) for name in names}
@@ -322,27 +307,15 @@ class Run:
         if not rows:
             text = ", ".join(f"{name} = {value!r}" for name, value in columns.items())
             raise ValueError(f"{text}: must be a simulated picture of the run, as listed in results.csv")
-        row = rows[len(rows) // 2]
-        # a cell's id is made of the axes that its plan names: those of the grid, or of what was chosen later
-        grid = self.setup.grid
-        planned = [Conditions(**{name: row.conditions[name] for name in {*CORE, *grid}})] if grid else []
-        planned += [at for batch in self.setup.batches for at in batch.conditions]
-        for at in planned:
-            cell = Cell(row.image, row.repeat, at, row.seed)
-            if cell.cell_id == row.cell_id:
-                return cell
-        raise ValueError(f"cell = {row.cell_id!r}: its conditions are not in the plan of the run")
+        return self.setup.cell_of(rows[len(rows) // 2])
 
-    def scene(self, picture: Picture) -> Scene:
+    def scene(self, picture: Picture) -> PictureScene:
         """The light of a picture, as the run's cells have it."""
-        plan = self.plan
-        tone, lamps, white = plan.picture_tone, plan.lamps, plan.hdr_white
-        return Scene(picture.load(), plan.grey_anchor, picture, plan.objects, tone, lamps, white)
+        return PictureScene(picture.load(), self.plan, picture)
 
-    def expose(self, scene: Scene, cell: Cell, camera: Camera | None = None) -> Frame:
+    def expose(self, scene: PictureScene, cell: Cell, camera: Camera | None = None) -> Frame:
         """A cell's picture, of its scene, as the run took it or through another camera."""
-        plan = self.plan
-        (frame,) = frames(scene, [cell], camera or self.camera, plan.auto_exposure, plan.path, plan.ego)
+        (frame,) = frames(scene, [cell], camera or self.camera)
         return frame
 
     def simulate(self, cell_id: str) -> NDArray[np.uint8]:
@@ -364,7 +337,7 @@ class Run:
             else self.expose(scene, self.cell(cell_id=cell_id)).image
         )
 
-    _scene: tuple[str, Picture, Scene] | None = None
+    _scene: tuple[str, Picture, PictureScene] | None = None
     """The last picture that was simulated: many cells of one picture come one after the other."""
 
     def model(self, name: str, timeout_s: float = TIMEOUT_S) -> Detector:
@@ -426,12 +399,3 @@ class Run:
         tables = of_page(self.tables, self.setup)
         with ProgressBar("draw", len(charts.views(tables)), self._progress) as advance:
             return page.write_report(tables, folder, advance)
-
-    def write_fiftyone(self, folder: str | Path) -> str:
-        """Write the run as a FiftyOne data set; returns a sentence that says what it holds. Raises ``ValueError``
-        where no picture can be opened, and ``OSError``."""
-        from blurnoise_eval.report.fiftyone_export import write_fiftyone
-
-        tables = self.tables
-        with self.store as store, ProgressBar("FiftyOne", len(self.pictures), self._progress) as advance:
-            return write_fiftyone(store, tables, self, Path(folder), advance)

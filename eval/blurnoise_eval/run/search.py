@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from blurnoise.camera import Camera
 from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.plan.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Conditions
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.edge_search import CHECKED, MOST_NODES, EdgeSearch
 from blurnoise_eval.run.refine import Refine
 from blurnoise_eval.run.run import Run
@@ -47,7 +48,7 @@ def search(plan: SweepPlan, camera: Camera) -> Strategy:
         full_grid = replace(space, because=because)
         return Refine(plan, camera, search_space=full_grid, note=f"decide: {'; '.join(because)}")
     further = {name: (value,) for name, value in space.further.items()}
-    nodes = replace(plan, grid=further, only=(), direction=direction_of_all(space.lines), ego=None)
+    nodes = replace(plan, grid=further, only=(), direction=direction_of_all(space.lines), vehicle=None)
     note = f"decide: a search over at most {most} conditions; the grid has {grid}"
     return Search(nodes, camera, space, note)
 

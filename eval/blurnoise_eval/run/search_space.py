@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise.camera import Camera
-from blurnoise.light import conditions as exposed
+from blurnoise.light.resolved import Resolved
 from blurnoise.scene.plan import Contribution, plan_at
 from blurnoise.sensor.stages import DARK_CURRENT
 from blurnoise_eval.answers.plane import AT_REST, DIGITS, STILL_PX, direction_of, places_of
@@ -132,7 +132,7 @@ def _of_time_alone(camera: Camera, question: SearchSpace) -> list[str]:
     (shortest_s, longest_s), temperature_c = question.exposures_s, question.further.get("temperature_c", 25.0)
 
     def budget(of: Camera, exposure_s: float, white_e: float) -> tuple[Contribution, ...]:
-        return plan_at(exposed.Conditions(of, exposure_s, temperature_c, white_e, (1.0, 0.0))).stages
+        return plan_at(Resolved(of, exposure_s, temperature_c, white_e, (1.0, 0.0))).stages
 
     found = [each for each in budget(camera, longest_s, 0.0) if each.name == DARK_CURRENT.name]
     cold, bright_e = camera.with_figures(dark_current_e_s=0.0), camera.sensor.full_well_e

@@ -10,19 +10,21 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import chain
 from operator import itemgetter
 from typing import Any
 
 from blurnoise.camera import Camera
-from blurnoise.scene.scene import Exposure
-from blurnoise_eval.plan.axes import AUTOMATIC, EXPOSURE, NAMES, axis
-from blurnoise_eval.plan.conditions import Conditions, SweepPlan
+from blurnoise.scene.exposure import Exposure
+from blurnoise_eval.plan.axes import AUTOMATIC, CORE, EXPOSURE, NAMES, axis
+from blurnoise_eval.plan.conditions import Cell, Conditions
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.documents import check_files, validated
 from blurnoise_eval.run.search_space import SearchSpace
-from blurnoise_eval.run.work import cells_per_picture
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.rows import CellRow
 from blurnoise_eval.store.store import Store, StoreError
 
 Place = tuple[float, float]
@@ -149,13 +151,27 @@ class Setup:
     def exposure(self, at: Mapping[str, Any]) -> Exposure:
         """The exposure under the conditions of a row, which is not of an original picture."""
         conditions = Conditions(**{name: at[name] for name in NAMES})
-        return conditions.exposure(self.camera, vehicle=self.plan.ego)
+        return conditions.exposure(self.camera, vehicle=self.plan.vehicle)
+
+    def cell_of(self, row: CellRow) -> Cell:
+        """The cell of a row, which is not of an original picture.
+
+        Raises ``ValueError`` where no condition of the plan has its id.
+        """
+        # an id is made of the axes that a plan names: those of the grid, or of what was chosen later
+        names = {*CORE, *self.grid}
+        of_grid = [Conditions(**{name: row.conditions[name] for name in names})] if self.grid else []
+        for at in chain(of_grid, *(batch.conditions for batch in self.batches)):
+            cell = Cell(row.image, row.repeat, at, row.seed)
+            if cell.cell_id == row.cell_id:
+                return cell
+        raise ValueError(f"cell = {row.cell_id!r}: its conditions are not in the plan of the run")
 
     def missing_cells(self, store: Store) -> int:
         """How many of the plan's cells are not computed yet, those of skipped pictures apart."""
         chosen: int = self.planned["repeats"] * sum(len(batch.conditions) for batch in self.batches)
         n_pictures = self.manifest["images"]["count"]
-        per_picture = chosen + (cells_per_picture(self.plan) if self.grid else 1)
+        per_picture = chosen + (self.plan.cells_per_picture if self.grid else 1)
         if not self.grid:
             n_pictures = self.batches[-1].n_pictures if self.batches else 0
         n_computed = queries.count_cells_of_read(store)
@@ -195,14 +211,9 @@ def _plan(
     planned: Mapping[str, Any], trajectory: Mapping[str, Any] | None, batches: tuple[Batch, ...]
 ) -> SweepPlan:
     """The plan that its plain values say. Raises ``ValueError`` unless these are what a sweep writes for it."""
-    values = {name: value for name, value in planned.items() if name not in ("further", "direction")}
-    values["trajectory"] = TrajectorySpec(trajectory["text"], trajectory["content"]) if trajectory else None
-    if "grid" in planned:
-        plan = SweepPlan(**values)
-    else:
-        grid = {name: (value,) for name, value in planned["further"].items()}
-        nodes = tuple(at for batch in batches for at in batch.conditions)
-        plan = SweepPlan(grid, **values, only=nodes, direction=tuple(planned["direction"]))
+    path = TrajectorySpec(trajectory["text"], trajectory["content"]) if trajectory else None
+    chosen = [] if "grid" in planned else [at for batch in batches for at in batch.conditions]
+    plan = SweepPlan.from_dict(planned, path, chosen)
     if json.loads(json.dumps(plan.to_dict())) != planned:
         raise ValueError("is none that a sweep writes")
     return plan

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from blurnoise.camera import Camera
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search_space import SearchSpace
 

@@ -15,6 +15,7 @@ from blurnoise_eval.answers.exposure_window import answers, natural
 from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.recommendation import average_curve, recommendations
 from blurnoise_eval.answers.rows import AnswerRow, CurveRow
+from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
 from blurnoise_eval.run.score_tables import (
@@ -30,6 +31,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.columns import UNKNOWN
 from blurnoise_eval.store.rows import Example, LabelledBox
 from blurnoise_eval.store.store import Store
+from blurnoise_eval.system.tables import plain
 
 _FINE = 12  # predicted exposures for each curve over blur
 _LISTED = 8  # labels that a warning names
@@ -110,6 +112,23 @@ def of_page(tables: RunData, setup: Setup) -> RunData:
     if not setup.searched:
         return tables
     return replace(tables, scores=[row for row in tables.scores if row.conditions.original])
+
+
+def summary_of(tables: RunData, setup: Setup) -> Row:
+    """What summary.json says of a run, beside the places of its files."""
+    manifest = tables.manifest
+    return {
+        "cells": manifest["n_cells"],
+        **{name: manifest[name] for name in ("missing_cells", "refined")},
+        "skipped": [row.columns() for row in tables.skipped],
+        **{name: manifest[name] for name in ("criterion", "threshold", "withheld", "withheld_models")},
+        "targets_found": manifest.get("targets_found", {}),
+        "reflectance": reflectance(tables),
+        **{name: manifest[name] for name in ("cluster", "software")},
+        "models": [row.columns() for row in tables.models],
+        "answers": [{name: plain(value) for name, value in row.columns().items()} for row in tables.answers],
+        "decided": search_counts(setup),
+    }
 
 
 def search_counts(setup: Setup) -> Row | None:

@@ -18,17 +18,12 @@ import numpy as np
 import torch
 
 from blurnoise.camera import Camera
-from blurnoise.camera.colour import PictureTone
-from blurnoise.motion.ego import Vehicle
-from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
 from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.plan.axes import blur_px
-from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan, cell_seed
-from blurnoise_eval.plan.lamps import Lamps
-from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
-from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
-from blurnoise_eval.run.exposing import Frame, Scene, frames
+from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
+from blurnoise_eval.plan.plan import SweepPlan
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View
 from blurnoise_eval.store.columns import ORIGINAL, AxisValues
@@ -61,12 +56,7 @@ class Block:
 
 def count_cells(pictures: PictureSet, plan: SweepPlan) -> int:
     """How many cells a sweep has, the clean ones included."""
-    return len(pictures) * cells_per_picture(plan)
-
-
-def cells_per_picture(plan: SweepPlan) -> int:
-    """How many cells each picture has, the clean one included."""
-    return 1 + plan.repeats * len(plan.conditions())
+    return len(pictures) * plan.cells_per_picture
 
 
 def blocks(pictures: PictureSet, plan: SweepPlan) -> Iterator[Block]:
@@ -115,14 +105,7 @@ class Work:
 
     models: tuple[Model, ...]
     camera: Camera
-    grey_anchor: str | None = None
-    picture_tone: PictureTone = "srgb"
-    auto_exposure: AutoExposure = USUAL
-    objects: Objects = USUAL_OBJECTS
-    path: tuple[TrajectorySpec, float] | None = None
-    ego: Vehicle | None = None
-    lamps: Lamps | None = None
-    hdr_white: float = 1.0
+    plan: SweepPlan
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -132,7 +115,7 @@ class Work:
 class PreparedPicture(NamedTuple):
     """A picture as light, every model's answer to it as it is, and what of it the store notes."""
 
-    scene: Scene
+    scene: PictureScene
     views: list[View]
     facts: PictureFacts
 
@@ -146,15 +129,7 @@ class PreparedPicture(NamedTuple):
                 f"{picture.name}: {width} x {height} px; must be at least 2 x 2 for a camera with a mosaic"
             )
         try:
-            scene = Scene(
-                image,
-                work.grey_anchor,
-                picture,
-                work.objects,
-                work.picture_tone,
-                work.lamps,
-                work.hdr_white,
-            )
+            scene = PictureScene(image, work.plan, picture)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         views: list[View] = [View(model, picture, scene.image8) for model in work.models]
@@ -187,8 +162,7 @@ class Worker:
 
     def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
         work = self._work
-        taken = work.auto_exposure, work.path, work.ego
-        for frame in frames(prepared.scene, block.cells, work.camera, *taken):
+        for frame in frames(prepared.scene, block.cells, work.camera):
             kept = frame.cell.cell_id in block.examples
             example = f"{EXAMPLES}/{frame.cell.cell_id}.png" if kept else None
             png = encode(frame.image) if kept else None
@@ -205,8 +179,7 @@ class Worker:
 
     def _lamp(self, frame: Frame) -> OfLamp | None:
         """The columns of a pulsed lamp, where the run has one."""
-        lamps = self._work.lamps
-        if lamps is None or lamps.pwm is None:
+        if not self._work.plan.pulsed:
             return None
         lamp = None if frame.exposure is None else frame.exposure.lamp
         return OfLamp(None if lamp is None else lamp.phase, frame.missed_pulse)

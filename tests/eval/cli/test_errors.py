@@ -27,7 +27,7 @@ COMMANDS = {
         ("--repeats 0", "repeats = 0: must be >= 1"),
         ("--coco missing.json", "--coco = 'missing.json': No such file"),
         ("--labels missing.json", "--labels = 'missing.json': No such file"),
-        ("--plan plan.yaml", "keep = 2.0: must be"),
+        ("--plan plan.yaml", "keep = 2: must be"),
         ("--plan plan.yaml --keep 3", "--keep = 3.0: must be"),
         ("--coco instances.json", "--coco = 'instances.json': is not a COCO instances file"),
         ("-o file", "Not a directory"),

@@ -10,9 +10,9 @@ import pytest
 from blurnoise_eval import cli
 from blurnoise_eval.cli import COMMANDS, inputs, main
 from blurnoise_eval.cli._options import settings
-from blurnoise_eval.plan import files
 from blurnoise_eval.plan.axes import AXES, axis
 from blurnoise_eval.plan.files import PlanFile, SceneFile
+from blurnoise_eval.plan.question import Question
 
 MOST = {"sweep": 27, "decide": 21, "simulate": 25, "measure": 19}
 
@@ -77,22 +77,23 @@ def test_help_is_light():
 @pytest.mark.parametrize("each", AXES, ids=lambda axis: axis.name)
 def test_every_axis_has_its_option_and_its_setting(monkeypatch, each):
     text = ",".join(each.choices[::-1]) or "9,7"
-    asked = planned(monkeypatch, each.option, text).grid()[each.name]
+    words = [each.option, text] + ["--dx", "0"] * (each.name == "ego_speed_m_s")
+    asked = planned(monkeypatch, *words).plan.grid[each.name]
     if each.choices:
         assert asked == tuple(range(len(each.choices)))
     else:
         assert asked == pytest.approx((7 * each.per_option, 9 * each.per_option), rel=1e-15)
-        assert PlanFile().stating({each.key: [9, 7.0]}).grid()[each.name] == asked
-    assert each.key in SceneFile.names()
+        assert PlanFile.of({each.key: [9, 7.0]}).plan.grid[each.name] == asked
+    assert each.key in SceneFile.settings()
 
 
 def test_numbers_are_read_to_the_last_bit_and_may_begin_with_a_minus(monkeypatch):
     ms = [1, 3, 9, 17, 33, 70, 0.3]
-    asked = planned(monkeypatch, "--exposure-ms", ",".join(map(str, ms))).grid()
+    asked = planned(monkeypatch, "--exposure-ms", ",".join(map(str, ms))).plan.grid
     assert asked["exposure_s"] == tuple(sorted(value / 1e3 for value in ms))
     assert 9 / 1e3 != 9 * 1e-3  # so that another way to count would show
     for words in (["--dx=-200,200"], ["--dx", "-200,200"]):
-        assert planned(monkeypatch, *words).grid()["velocity_x_px_s"] == (-200, 200)
+        assert planned(monkeypatch, *words).plan.grid["velocity_x_px_s"] == (-200, 200)
 
 
 def test_a_new_axis_is_one_entry(monkeypatch, capsys):
@@ -103,30 +104,35 @@ def test_a_new_axis_is_one_entry(monkeypatch, capsys):
     fog = replace(
         fog, per_option=1e3, automatic=False, default=(1e3, 2e3), low=0.0, high=9e3, slugs="fog{}km"
     )
-    monkeypatch.setattr(files, "AXES", (*AXES, fog))
-    table: Any = files.with_axes("Conditions", "LIST")
+    monkeypatch.setattr(SceneFile, "AXES", (*SceneFile.AXES, fog))
     asked: list[Any] = []
 
-    @settings(table, "*")
+    @settings(SceneFile, "*")
     def look(*, config):
         """Look."""
-        asked.append(config.grid()["fog_m"])
+        asked.append(config.grid["fog_m"])
 
     for words in ([], ["--fog-km", "4,3"], ["--help"]):
         assert cli.run_alone(look, "look", words) == 0
     assert asked == [(1e3, 2e3), (3e3, 4e3)]
     out = capsys.readouterr().out
-    assert "--fog-km LIST how far one sees (default: 1,2)" in " ".join(out.replace("│", " ").split())
+    assert "--fog-km NUMBER how far one sees (default: 1,2)" in " ".join(out.replace("│", " ").split())
     assert cli.run_alone(look, "look", ["--fog-km", "10"]) == 2
     assert "--fog-km = 10.0: must be finite and >= 0 and <= 9" in capsys.readouterr().err
     assert (fog.text(2500.0), fog.slug(2500.0)) == ("fog 2.5 km", "fog2.5km")
 
 
 def test_options_override_the_plan(monkeypatch, tmp_path):
-    (tmp_path / "plan.yaml").write_text("lux: [1, 5]\ndx: 0\nkeep: 0.8\nvehicle: {height_m: 1.2}\n")
-    plan = planned(monkeypatch, "--plan", str(tmp_path / "plan.yaml"), "--dx", "3", "--model", "a.onnx")
-    assert (plan.lux, plan.dx, plan.keep, plan.vehicle.height_m) == ((1.0, 5.0), (3.0,), 0.8, 1.2)
-    assert plan.model == ("a.onnx",)
+    (tmp_path / "plan.yaml").write_text("lux: [1, 5]\nego_kmh: 30\nkeep: 0.8\nvehicle: {height_m: 1.2}\n")
+    asked = planned(
+        monkeypatch, "--plan", str(tmp_path / "plan.yaml"), "--ego-kmh", "36", "--model", "a.onnx"
+    )
+    assert (asked.model, asked.question, asked.plan.vehicle.height_m) == (
+        ("a.onnx",),
+        Question(keep=0.8),
+        1.2,
+    )
+    assert (asked.plan.grid["illuminance_lux"], asked.plan.grid["ego_speed_m_s"]) == ((1.0, 5.0), (10.0,))
 
 
 @pytest.mark.parametrize(
@@ -177,14 +183,15 @@ def test_nothing_is_computed_for_a_place_that_cannot_be_written(command, tmp_pat
     [
         ("lux: 5\nlux: 50\n", "lux: stands twice, again in line 2"),
         ("vehicle: {height_m: 1, height_m: 2}\n", "height_m: stands twice, again in line 1"),
-        ("lux: true\n", "lux = True: must be a value"),
-        ("seed: yes\n", "seed = True: must be a value"),
+        ("lux: true\n", "lux = True: must be a number"),
+        ("seed: yes\n", "seed = True: must be an integer"),
         ("lux: {a: 1}\n", "lux = {'a': 1}: must"),
+        ("# seed: 3\n", "contains no setting; must have at least one, such as 'exposure_ms: ...'"),
         ('{"lux": 5,\n "lux": 50}', "lux: stands twice"),
     ],
 )
 def test_a_file_that_says_two_things_or_no_number_is_refused(content, told, tmp_path):
     path = tmp_path / ("plan.json" if content.startswith("{") else "plan.yaml")
     path.write_text(content)
-    with pytest.raises(ValueError, match=re.escape(told)):
+    with pytest.raises((TypeError, ValueError), match=re.escape(told)):
         PlanFile.read(path)

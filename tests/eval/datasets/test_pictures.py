@@ -1,5 +1,6 @@
 """Pictures as they come, in files and folders: depths, orientations, sizes, transparency, all that can be wrong."""
 
+import hashlib
 import os
 import struct
 import zlib
@@ -9,6 +10,8 @@ import numpy as np
 import PIL.Image
 import pytest
 from blurnoise_eval.datasets import (
+    Picture,
+    PictureSet,
     UnreadablePicture,
     bdd,
     coco,
@@ -234,3 +237,25 @@ def test_links_make_a_scene():
     assert scenes([a, d, c, b]).tolist() == [0, 1, 0, 0]
     assert scenes([a, d, c]).tolist() == [0, 1, 2]
     assert scenes([]).tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [(text, "must be K/N") for text in ("0/4", "5/4", "1", "a/b", "1/0", "-1/2")]
+    + [("1/9999", "none of the 3")],
+)
+def test_parts_that_are_none(text, named):
+    few = PictureSet("folder", "", tuple(Picture(f"{number}.png", (), list, "") for number in range(3)))
+    with pytest.raises(ValueError, match=named):
+        few.part(text)
+
+
+def test_parts_have_every_picture_once_and_depend_on_its_name_alone():
+    every = PictureSet("folder", "", tuple(Picture(f"{number}.png", (), list, "") for number in range(400)))
+    parts = [[picture.name for picture in every.part(f"{number}/4")] for number in (1, 2, 3, 4)]
+    assert sorted(name for part in parts for name in part) == sorted(picture.name for picture in every)
+    assert min(map(len, parts)) > 70  # binomial, n = 400, p = 1/4: 100 - 3.5 sd of 8.7
+    assert every.part("1/4").every is every
+    # the hash of a name never changes: machines of any version agree on the parts
+    digest = hashlib.blake2b(b"3.png", digest_size=8).digest()
+    assert "3.png" in parts[int.from_bytes(digest, "little") % 4]

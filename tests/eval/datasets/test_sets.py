@@ -119,7 +119,7 @@ def test_pictures_that_cannot_be_read(folder):
 def chosen(*, reads=False, **settings):
     """What a sweep with these settings would see. Raises what the choice raises."""
     stated = {name: str(value) if isinstance(value, Path) else value for name, value in settings.items()}
-    return inputs.pictures(PlanFile().stating(stated), reads=reads)
+    return inputs.pictures(PlanFile.of(stated), reads=reads)
 
 
 FILES = {"coco": "coco.json", "bdd": "bdd.json", "yolo": "data.yaml", "text": "whole.txt"}

@@ -7,6 +7,7 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from blurnoise_eval.contracts.comparison import compared, output_problems
 from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.contract_files import (
     contract_document,
@@ -17,7 +18,6 @@ from blurnoise_eval.detectors.contract_files import (
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.outputs import parsed, written
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.run.contract_checks import compared, output_problems
 from constant_graphs import answering_graph
 from exporters import EXPORTERS, UNKNOWN, WHWH, separate, with_nothing
 from made_exporters import exported, pictures

@@ -9,7 +9,7 @@ from blurnoise_eval.datasets import rendered_signs
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.python_models import PythonDetector, TorchvisionDetector
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_models.detector import STOP_SIGN
 from torch import nn

@@ -16,7 +16,8 @@ from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.plan.axes import AXES, CORE, EGO, MOVES, NAMES, SETTING, VELOCITY
 from blurnoise_eval.plan.axes import axis as axis_of
-from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Cell, Conditions
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.columns import ORIGINAL, AxisValues
 from blurnoise_eval.store.queries import write_exports

@@ -1,6 +1,5 @@
 """Plans and their numbers: checked where they are made, limits of the simulator, conditions by their axes."""
 
-import hashlib
 import math
 from dataclasses import replace
 from typing import Any
@@ -8,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, number, numbers
-from blurnoise_eval.plan.conditions import Cell, Conditions, Part, SweepPlan
+from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.plan import SweepPlan
 from plans import IMX250, plan
 from plans import plan as swept
 from signs_in_memory import CAMERA, PLAN, TWO, matched_detector, rows_of
@@ -136,7 +136,7 @@ GRIDS: list[tuple[Any, str]] = [
 FIELDS: list[tuple[Any, str]] = [
     ({"repeats": 0}, "repeats = 0"),
     *(({"seed": seed}, "seed = ") for seed in (10**400, -1, 1.5, "1", None)),
-    ({"ego": Vehicle()}, "ego: needs ego_speed_m_s"),
+    ({"vehicle": Vehicle()}, "vehicle: needs ego_speed_m_s"),
     ({"objects": Objects(speeds={"car": 2.0})}, "speeds: .* moves = targets"),
     *(
         ({"trajectory": text}, text.partition(":")[0])
@@ -162,23 +162,6 @@ def test_what_no_camera_has_must_be_stated(missing):
         SweepPlan(stated)
     with pytest.raises(ValueError, match=missing):
         Conditions(**{name: values[0] for name, values in stated.items()})
-
-
-@pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/0", "-1/2"])
-def test_parts_that_are_none(text):
-    with pytest.raises(ValueError, match="must be K/N"):
-        Part.parse(text)
-
-
-def test_parts_have_every_picture_once_and_depend_on_its_name_alone():
-    names = [f"{number}.png" for number in range(400)]
-    parts = [[name for name in names if Part(number, 4).has(name)] for number in (1, 2, 3, 4)]
-    assert sorted(name for part in parts for name in part) == sorted(names)
-    assert min(map(len, parts)) > 70  # binomial, n = 400, p = 1/4: 100 - 3.5 sd of 8.7
-    assert Part.parse("2/4").has("3.png") == ("3.png" in parts[1])
-    # the hash of a name never changes: machines of any version agree on the parts
-    digest = hashlib.blake2b(b"3.png", digest_size=8).digest()
-    assert Part(int.from_bytes(digest, "little") % 4 + 1, 4).has("3.png")
 
 
 @pytest.mark.parametrize(

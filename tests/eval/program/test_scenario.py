@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from blurnoise_eval.plan.axes import AUTOMATIC
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.program.problem import inputs_of
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, mean_light

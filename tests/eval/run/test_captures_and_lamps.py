@@ -13,9 +13,8 @@ from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.files import PlanFile
 from blurnoise_eval.plan.lamps import Lamps
-from blurnoise_eval.plan.objects import Objects
-from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
-from blurnoise_eval.run.exposing import Scene, check_plan, frames, snr_db
+from blurnoise_eval.plan.plan import usual_plan
+from blurnoise_eval.run.exposing import PictureScene, check_plan, frames, snr_db
 from blurnoise_eval.run.merging import merge
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import Store
@@ -24,7 +23,7 @@ from signs_in_memory import BOX, CAMERA, matched_detector, noise, picture, pictu
 
 from blurnoise import AutoExposure, Exposure, photoelectrons
 from blurnoise.camera.captures import Capture, longest_first_s, staggered, windows
-from blurnoise.light.flicker import Pwm
+from blurnoise.light.lamp import Pwm
 
 HDR = CAMERA.with_figures(captures=staggered(16))
 ROLLING = CAMERA.with_figures(row_time_s=2e-5, shutter="rolling")
@@ -32,14 +31,19 @@ TARGETS = Lamps(pwm="90,0.1", pwm_mask="targets")
 LIT = {"illuminance_lux": 300.0}
 
 
-def framed(scene, at, camera, seed=3, repeat=0, **more):
-    (frame,) = frames(scene, [Cell("p", repeat, Conditions(**at), seed)], camera, **more)
+def exposed(image, shown=None, **settings):
+    """The scene of a picture under a plan with these settings."""
+    return PictureScene(image, replace(usual_plan(), **settings), shown)
+
+
+def framed(scene, at, camera, seed=3, repeat=0):
+    (frame,) = frames(scene, [Cell("p", repeat, Conditions(**at), seed)], camera)
     return frame
 
 
 def simulated(folder, words, scene=None):
     """The picture of ``blurnoise simulate`` with these words and settings of a scene file, and its figures."""
-    (folder / "scene.yaml").write_text(json.dumps(scene or {}))
+    (folder / "scene.yaml").write_text(json.dumps(scene or {"lux": 300}))
     write_picture(folder / "p.png", sign())
     words = ["simulate", str(folder / "p.png"), "-o", str(folder / "seen.png"), "--seed", "3", *words.split()]
     assert main([*words, "--scene", str(folder / "scene.yaml")]) == 0
@@ -63,7 +67,7 @@ def test_a_sweep_takes_the_picture_that_simulate_takes(tmp_path, gain, captures,
     )
     at = {"exposure_s": 0.002, "illuminance_lux": 3000.0, "velocity_x_px_s": 500.0}
     at["gain_db"] = AUTOMATIC if gain == "auto" else float(gain)
-    frame = framed(Scene(sign(), hdr_white=4.0), at, camera)
+    frame = framed(exposed(sign(), hdr_white=4.0), at, camera)
     np.testing.assert_array_equal(frame.image, expected)
 
 
@@ -77,19 +81,20 @@ def test_it_sees_lamps_as_simulate_does(tmp_path, capsys):
     lamps = replace(TARGETS, emitters="targets:9")
     at = {"exposure_s": 0.009, "illuminance_lux": 30.0, "velocity_x_px_s": 100.0}
     words = f"--camera {tmp_path / 'c.yaml'} --exposure-ms 9 --lux 30 --dx 100"
-    frame = framed(Scene(sign(), picture=picture("p"), lamps=lamps), at, camera)
+    frame = framed(exposed(sign(), picture("p"), lamps=lamps), at, camera)
     assert frame.exposure.lamp == Pwm(90.0, 0.1).with_phase_of(3)
     # the mask's file has 8 bits, and so the light of its edge is another by up to 0.2 %
     seen = simulated(tmp_path, words, given).astype(int)
     assert np.abs(seen - frame.image).max() <= 2
-    dark = framed(Scene(sign(), picture=picture("p")), at, camera)
+    dark = framed(PictureScene(sign(), picture=picture("p")), at, camera)
     assert np.abs(seen - dark.image).mean() > 2
 
 
 def test_a_path_goes_on_to_the_last_capture(tmp_path, capsys):
     expected = simulated(tmp_path, "--camera imx250 --exposure-ms 8 --lux 300 --trajectory shake:9 --hdr 2")
-    at, path = {"exposure_s": 0.008, **LIT}, (TrajectorySpec.parse("shake:9"), 0.008)
-    frame = framed(Scene(sign()), at, CAMERA.with_figures(captures=staggered(2)), path=path)
+    at = {"exposure_s": 0.008, **LIT}
+    plan = SweepPlan({name: (value,) for name, value in at.items()}, trajectory="shake:9")
+    frame = framed(PictureScene(sign(), plan), at, CAMERA.with_figures(captures=staggered(2)))
     np.testing.assert_array_equal(frame.image, expected)
 
 
@@ -99,7 +104,7 @@ def test_saturation_of_a_merged_picture():
     image[:10], image[10:30] = 255, 118  # sRGB of 0.18
     for lux_s, white, share in ((20.0, 2.0, 0.0), (30.0, 2.0, 0.25), (200.0, 2.0, 0.75), (20.0, 0.5, 0.25)):
         at = {"exposure_s": 0.01, "illuminance_lux": lux_s / 0.01}
-        frame = framed(Scene(image, hdr_white=white), at, HDR)
+        frame = framed(exposed(image, hdr_white=white), at, HDR)
         assert frame.saturated == pytest.approx(share, abs=0.01)
 
 
@@ -133,11 +138,10 @@ def test_share_of_missed_pulses_is_the_closed_form(camera, rows, exposure_s):
 
     1000 equidistant phases: the share is right to 1/1000 at either end.
     """
-    scene = Scene(
-        sign(), picture=picture("p"), lamps=replace(TARGETS, pwm_phase=tuple(np.arange(1000) / 1000))
-    )
+    phases = tuple((np.arange(1000) / 1000).tolist())
+    scene = exposed(sign(), picture("p"), repeats=1000, lamps=replace(TARGETS, pwm_phase=phases))
     taken = framed(scene, {"exposure_s": exposure_s, **LIT}, camera).exposure
-    lamps = scene.lamps
+    lamps = scene.plan.lamps
     missed = [scene.missed_pulse(replace(taken, lamp=lamps.pulses(repeat, 3))) for repeat in range(1000)]
     first, last = np.flatnonzero(scene.lamp_mask.numpy().any(1))[[0, -1]]
     assert rows == 1 or abs(last - first + 1 - rows) <= 1
@@ -149,33 +153,29 @@ def test_share_of_missed_pulses_is_the_closed_form(camera, rows, exposure_s):
 
 def test_a_missed_pulse_leaves_the_lamp_dark_and_nothing_else():
     left, top, right, bottom = (round(edge) for edge in BOX)
-    scene = Scene(sign(), picture=picture("p"), lamps=replace(TARGETS, pwm_phase=(0.5, 0.0)))
+    scene = exposed(sign(), picture("p"), repeats=2, lamps=replace(TARGETS, pwm_phase=(0.5, 0.0)))
     at = {"exposure_s": 0.001, **LIT}
     dark, bright = (framed(scene, at, CAMERA, repeat=repeat) for repeat in (0, 1))
     assert (dark.missed_pulse, bright.missed_pulse) == (True, False)
     middle = slice(top + 8, bottom - 8), slice(left + 8, right - 8)
     assert dark.image[middle].max() < 25 < bright.image[middle].mean()
     np.testing.assert_array_equal(dark.image[:, : left - 2], bright.image[:, : left - 2])
-    everywhere = Scene(sign(), lamps=Lamps(pwm="90,0.1,0.5"))
+    everywhere = exposed(sign(), lamps=Lamps(pwm="90,0.1,0.5"))
     assert framed(everywhere, at, CAMERA).image.mean() < 10
     empty = replace(picture("p"), targets=())
-    assert framed(Scene(sign(), picture=empty, lamps=TARGETS), at, CAMERA).missed_pulse is None
+    assert framed(exposed(sign(), empty, lamps=TARGETS), at, CAMERA).missed_pulse is None
 
 
 def test_lamps_move_with_their_targets():
     """Rendered signs before the camera at rest: those that are missed are black wherever they are."""
     (one,) = rendered_signs([60], count=1)
     at = {"exposure_s": 0.004, **LIT, "velocity_x_px_s": 4000.0, "moves": 1.0}
-    lit = framed(
-        Scene(one.load(), picture=one, lamps=Lamps(pwm="90,0.1,0.0", pwm_mask="targets")), at, CAMERA
-    )
-    dark = framed(
-        Scene(one.load(), picture=one, lamps=Lamps(pwm="90,0.1,0.2", pwm_mask="targets")), at, CAMERA
-    )
+    lit = framed(exposed(one.load(), one, lamps=Lamps(pwm="90,0.1,0.0", pwm_mask="targets")), at, CAMERA)
+    dark = framed(exposed(one.load(), one, lamps=Lamps(pwm="90,0.1,0.2", pwm_mask="targets")), at, CAMERA)
     x0, y0, x1, y1 = (round(edge) for edge in one.targets[0].box_xyxy)
     middle = slice((y0 + y1) // 2 - 5, (y0 + y1) // 2 + 5), slice((x0 + x1) // 2 - 5, (x0 + x1) // 2 + 5)
     assert dark.image[middle].max() < 40 < lit.image[middle].mean()
-    brighter = Scene(one.load(), picture=one, lamps=Lamps(emitters="targets:3"), objects=Objects())
+    brighter = exposed(one.load(), one, lamps=Lamps(emitters="targets:3"))
     seen = framed(brighter, {**at, "illuminance_lux": 30.0, "moves": 0.0}, CAMERA)
     moved = framed(brighter, {**at, "illuminance_lux": 30.0}, CAMERA)
     assert moved.image[middle].mean() == pytest.approx(seen.image[middle].mean(), rel=0.05)
@@ -209,20 +209,20 @@ def test_targets_cover_their_outlines_or_boxes():
 def test_settings_that_are_refused(tmp_path, text, message):
     (tmp_path / "plan.yaml").write_text(text)
     with pytest.raises(ValueError, match=message.replace("(", r"\(")):
-        PlanFile.read(tmp_path / "plan.yaml").sweep_plan()
+        PlanFile.read(tmp_path / "plan.yaml")
 
 
 def test_phases_of_a_plan_file(tmp_path):
     (tmp_path / "plan.yaml").write_text("pwm: 90,0.1\npwm_phase: 0:0.75:0.25\nrepeats: 2\n")
-    plan = PlanFile.read(tmp_path / "plan.yaml").sweep_plan()
+    plan = PlanFile.read(tmp_path / "plan.yaml").plan
     assert (plan.repeats, plan.lamps.phases) == (8, (0.0, 0.25, 0.5, 0.75))
     assert [plan.lamps.pulses(repeat, 3).phase for repeat in range(5)] == [0.0, 0.25, 0.5, 0.75, 0.0]
-    assert SweepPlan(**json.loads(json.dumps(plan.to_dict()))).lamps == plan.lamps
+    assert SweepPlan.from_dict(json.loads(json.dumps(plan.to_dict()))).lamps == plan.lamps
     (tmp_path / "plan.yaml").write_text("pwm: 90,0.1\npwm_phase: random\n")
-    plan = PlanFile.read(tmp_path / "plan.yaml").sweep_plan()
+    plan = PlanFile.read(tmp_path / "plan.yaml").plan
     assert (plan.repeats, plan.lamps.pulses(0, 3)) == (1, Pwm(90.0, 0.1).with_phase_of(3))
     with pytest.raises(ValueError, match="repeats = 3: must be a multiple of the 2 of pwm_phase"):
-        SweepPlan(plan.grid, 3, lamps=Lamps(pwm="90,0.1", pwm_phase=(0.0, 0.5)))
+        SweepPlan(plan.grid, repeats=3, lamps=Lamps(pwm="90,0.1", pwm_phase=(0.0, 0.5)))
 
 
 def test_lamps_need_to_know_where_targets_are():
@@ -243,7 +243,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     phases = tuple(n / 10 for n in range(10))
     grid = {"exposure_s": (0.001, 0.003, 0.012), "illuminance_lux": (50.0,)}
-    plan = SweepPlan(grid, 10, lamps=replace(TARGETS, pwm_phase=phases))
+    plan = SweepPlan(grid, repeats=10, lamps=replace(TARGETS, pwm_phase=phases))
     shown = picture_set(picture("a"), picture("b", lambda: noise(40, 51), None))
     shown = replace(shown, pictures=(shown.pictures[0], replace(shown.pictures[1], targets=())))
     done = evaluate(matched_detector(folder), shown, HDR, plan, output=folder / "run", strategy="grid")
@@ -271,7 +271,7 @@ def test_a_cell_of_the_run_is_taken_again(run):
     """As the explorer shows it: the phase of its repeat, and all captures."""
     explored = Run.open(run, trust=True)
     cell = explored.cell(image="a", repeat=7, exposure_s=0.003)
-    frame = explored.expose(Scene(sign(), picture=picture("a"), lamps=explored.plan.lamps), cell)
+    frame = explored.expose(PictureScene(sign(), explored.plan, picture("a")), cell)
     assert frame.exposure.lamp == Pwm(90.0, 0.1, 0.7)
     assert len(frame.exposure.camera.sensor.captures) == 2
 
@@ -296,7 +296,7 @@ def test_parts_of_a_run_under_a_lamp_are_joined(tmp_path):
     evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", strategy="grid")
     parts = [tmp_path / f"part{number}" for number in (1, 2)]
     for number, part in enumerate(parts, 1):
-        evaluate(detector, shown, CAMERA, plan, output=part, part=f"{number}/2", strategy="grid")
+        evaluate(detector, shown.part(f"{number}/2"), CAMERA, plan, output=part)
     merge(parts, tmp_path / "joined")
 
     def lamps(folder):

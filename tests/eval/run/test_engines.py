@@ -22,6 +22,7 @@ from band_readers import constant_reader
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture
 from blurnoise_eval.detectors.ocr import Recogniser
+from blurnoise_eval.plan.plan import usual_plan
 from blurnoise_eval.run.engines import ProcessEngine, ThreadEngine, engine_of
 from blurnoise_eval.run.work import Block, Work, blocks, count_cells
 from blurnoise_eval.store import queries
@@ -42,7 +43,7 @@ def pictures(tmp_path_factory):
 @pytest.mark.parametrize("threads", [1, 2, 4])
 def test_rows_depend_neither_on_threads_nor_on_order(detector, pictures, threads):
     """And blocks are taken as they are needed, so that a set may be larger than memory."""
-    work = Work((detector,), CAMERA)
+    work = Work((detector,), CAMERA, usual_plan())
     todo = list(blocks(replace(pictures, pictures=pictures.pictures[:2]), PLAN))
     expected = {block: timeless(work.open(1).compute(block)) for block in todo}
     random.Random(threads).shuffle(todo)
@@ -106,7 +107,7 @@ def test_a_picture_that_kills_its_process_is_named_and_skipped(detector, picture
 def test_a_worker_reads_a_picture_again_when_its_file_has_changed(pictures, detector):
     """Workers of a cluster outlive a sweep."""
     first, second, _ = pictures.pictures
-    worker = Work((detector,), CAMERA).open(2)
+    worker = Work((detector,), CAMERA, usual_plan()).open(2)
     block, other = (
         next(iter(blocks(replace(pictures, pictures=(each,)), PLAN)))
         for each in (first, replace(second, name=first.name))
@@ -172,7 +173,7 @@ def _some_rows(run):
 @pytest.mark.slow
 def test_what_does_not_pickle_is_named(detector, pictures):
     lambdas = replace(pictures.pictures[0], name="made up", load=lambda: np.zeros((9, 9, 3), np.uint8))
-    work = Work((detector,), CAMERA)
+    work = Work((detector,), CAMERA, usual_plan())
     with pytest.raises(ValueError, match=r"picture 'made up' cannot be sent .*use 'threads'"):
         list(ProcessEngine(1).map(work, [Block(lambdas, ())]))
     with pytest.raises(ValueError, match="models cannot be sent"):

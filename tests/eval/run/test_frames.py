@@ -8,8 +8,7 @@ import torch
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.objects import Objects
-from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
-from blurnoise_eval.run.exposing import Scene, frames, snr_db
+from blurnoise_eval.run.exposing import PictureScene, frames, snr_db
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from commands import main, stated
 from plans import plan as swept
@@ -24,8 +23,8 @@ AUTO = {"exposure_s": math.inf, "gain_db": math.inf}
 SMALL_WELL = CAMERA.with_figures(full_well_e=0.3 * CAMERA.sensor.full_well_e)
 
 
-def frame_of(image, at, camera=CAMERA, seed=3, **more):
-    return next(frames(Scene(image), [Cell("p", 0, at, seed)], camera, **more))
+def frame_of(image, at, camera=CAMERA, seed=3, plan=None):
+    return next(frames(PictureScene(image, plan), [Cell("p", 0, at, seed)], camera))
 
 
 def simulated(image, camera, seed, **conditions):
@@ -43,7 +42,7 @@ def grey(reflectance_srgb):
 @pytest.mark.parametrize(("lux", "limited"), [(5000.0, False), (0.02, True)])
 def test_the_camera_sets_time_first_then_gain(lux, limited):
     """Where no limit is reached the mean of the linear picture is the meter's target, 18 %."""
-    scene = Scene(grey(150))
+    scene = PictureScene(grey(150))
     (frame,) = frames(scene, [Cell("p", 0, Conditions(**AUTO, illuminance_lux=lux), 3)], CAMERA)
     setting = AutoExposure().setting(CAMERA, mean_light=scene.mean_light(CAMERA), illuminance_lux=lux)
     given = {"exposure_s": frame.exposure.exposure_s, "gain_db": frame.exposure.gain_db}
@@ -80,10 +79,13 @@ def test_signal_to_noise_has_shot_dark_and_read_noise():
 
 
 def test_a_frame_is_simulates_along_the_shake_of_its_cell():
-    image, path = noise(41, 53), (TrajectorySpec.parse("shake:9"), 0.02)
+    image, plan = (
+        noise(41, 53),
+        SweepPlan({"exposure_s": (0.02,), "illuminance_lux": (100.0,)}, trajectory="shake:9"),
+    )
     for exposure_s in (0.004, 0.02):
         at = Conditions(exposure_s=exposure_s, illuminance_lux=100.0, velocity_x_px_s=200.0)
-        first, other = (frame_of(image, at, seed=seed, path=path) for seed in (5, 6))
+        first, other = (frame_of(image, at, seed=seed, plan=plan) for seed in (5, 6))
         shake = paths.shake(5, 9.0, 0.02)
         same = {"exposure_s": exposure_s, "illuminance_lux": 100.0, "velocity_px_s": (200.0, 0.0)}
         np.testing.assert_array_equal(first.image, simulated(image, CAMERA, 5, **same, trajectory=shake))
@@ -101,7 +103,8 @@ def test_frames_are_simulates_of_the_vehicles_flow():
     image = noise(*SIZE)
     for speed in (0.0, 20.0):
         at = Conditions(exposure_s=0.02, illuminance_lux=100.0, ego_speed_m_s=speed)
-        frame = frame_of(image, at, ego=VEHICLE)
+        plan = SweepPlan({name: (value,) for name, value in at.stated.items()}, vehicle=VEHICLE)
+        frame = frame_of(image, at, plan=plan)
         flow = VEHICLE.flow_px_s(CAMERA, SIZE, speed)
         same = simulated(image, CAMERA, 3, exposure_s=0.02, illuminance_lux=100.0, velocity_px_s=flow)
         np.testing.assert_array_equal(frame.image, same)

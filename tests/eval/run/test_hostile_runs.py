@@ -17,7 +17,7 @@ from processes import limited
 SECONDS, MEGABYTES = 20, 2000
 COMMANDS = {
     "report": "report {run} -o {out}/report",
-    "fiftyone": "report {run} -o {out}/other --coco --fiftyone {out}/fiftyone",
+    "coco": "report {run} -o {out}/other --coco",
     "program": "program {run} -o {out}/program",
     "merge": "merge {run} -o {out}/merged",
     "explore": "explore {run} -o {out}/seen.png --model none",

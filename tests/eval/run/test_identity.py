@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from blurnoise_eval.datasets import Picture, PictureSet, Target, image_folder, write_picture
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.plan.conditions import SweepPlan
 from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run import identity
 from blurnoise_eval.run.computing import compute
 from blurnoise_eval.run.evaluation import evaluate
@@ -161,7 +161,7 @@ NODES = SweepPlan({"gain_db": (6.0,)}, repeats=2, direction=(0.6, 0.8))
     [
         replace(PLAN, repeats=3, seed=7, grey_anchor="mean", examples=False, trajectory="shake:6"),
         replace(MOVED, auto_exposure=AutoExposure(target=0.3), objects=Objects(speeds={"stop sign": 0.5})),
-        replace(swept((0.01,), (50.0,), ego_speed_m_s=(20.0,)), ego=Vehicle(height_m=2.0)),
+        replace(swept((0.01,), (50.0,), ego_speed_m_s=(20.0,)), vehicle=Vehicle(height_m=2.0)),
         NODES,
     ],
 )

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 from blurnoise_eval import datasets
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.report.run import write_tables
 from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.run.merging import merge
@@ -27,7 +27,7 @@ def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     tables(evaluate(pictures=signs(), plan=PLAN, output=folder / "whole", strategy="grid"))
     for part in ("1/2", "2/2"):
-        evaluate(pictures=signs(), plan=PLAN, output=folder / part[0], part=part, strategy="grid")
+        evaluate(pictures=signs().part(part), plan=PLAN, output=folder / part[0])
     return folder
 
 
@@ -66,13 +66,13 @@ def test_run_of_parts_is_that_of_the_whole(runs, order, tmp_path):
         ({"plan": replace(PLAN, seed=1)}, "differs from .* in plan.seed"),
         ({"plan": replace(PLAN, repeats=2)}, "in plan.repeats"),
         ({"camera": "ar0237"}, "in camera"),
-        ({"pictures": signs(5)}, "in pictures"),
-        ({"part": "3/3"}, "in number of parts"),
-        ({"part": None}, "in number of parts"),
+        ({"pictures": signs(5).part("2/2")}, "in pictures"),
+        ({"pictures": signs().part("3/3")}, "in number of parts"),
+        ({"pictures": signs()}, "in number of parts"),
     ],
 )
 def test_runs_that_are_no_parts_of_one_sweep_are_refused(runs, changes, named, tmp_path):
-    usual = {"pictures": signs(), "plan": PLAN, "part": "2/2", "strategy": "grid"}
+    usual = {"pictures": signs().part("2/2"), "plan": PLAN, "strategy": "grid"}
     evaluate(**{**usual, "output": tmp_path / "other", **changes})
     with pytest.raises(StoreError, match=f"{named}.*only parts of one sweep can be merged"):
         merge([runs / "1", tmp_path / "other"], tmp_path / "run")

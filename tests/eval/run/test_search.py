@@ -8,7 +8,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from blurnoise_eval.answers.recommendation import CLOSE, MOST_COMMON
-from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.program.problem import inputs_of
 from blurnoise_eval.run import search

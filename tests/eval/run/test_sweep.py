@@ -16,7 +16,8 @@ from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.plan.axes import NAMES
-from blurnoise_eval.plan.conditions import SweepPlan, cell_seed
+from blurnoise_eval.plan.conditions import cell_seed
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run import identity
 from blurnoise_eval.run.coco_export import write_detections
 from blurnoise_eval.run.computing import compute
@@ -33,7 +34,7 @@ from signs_in_memory import BOX, CAMERA, PLAN, TWO, everything, noise, picture, 
 
 from blurnoise import simulate
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.scene import scene
+from blurnoise.scene import take as taking
 from blurnoise.sensor import readout as sensor
 
 EVERY_EFFECT = CAMERA.with_figures(
@@ -59,7 +60,7 @@ def test_cell_is_what_simulate_and_the_detector_give(detector, tmp_path, monkeyp
 
     with Store(tmp_path, create=True) as store:
         with monkeypatch.context() as patch:
-            patch.setattr(scene, "digitised", watched)
+            patch.setattr(taking, "digitised", watched)
             compute([detector], camera, picture_set(picture("p", lambda: image)), plan, store)
         cells = [cell for cell in store.cells() if not cell.conditions.original]
         assert len(cells) == len(developed) == sum(bool(cell.example) for cell in cells) == 12

@@ -29,7 +29,7 @@ def parts(tmp_path_factory, detector):
     pictures = image_folder(folder / "pictures")
     question = Question(cluster=r"^(\w)")
     for part in ("1/2", "2/2"):
-        evaluate(detector, pictures, CAMERA, PLAN, question, folder / part[0], part=part, progress=False)
+        evaluate(detector, pictures.part(part), CAMERA, PLAN, question, folder / part[0], progress=False)
     return folder / "1", folder / "2"
 
 

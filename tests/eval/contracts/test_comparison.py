@@ -6,12 +6,13 @@ from itertools import product
 import numpy as np
 import onnx
 import pytest
+from blurnoise_eval.contracts.comparison import compared, contracts_chosen, output_problems
+from blurnoise_eval.contracts.variants import Variant
 from blurnoise_eval.datasets import image_folder, write_picture
 from blurnoise_eval.detectors.contract import INPUT_VALUES, Contract
 from blurnoise_eval.detectors.contract_files import preset
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.run.contract_checks import Variant, compared, contracts_chosen, output_problems
 from constant_graphs import constant_graph
 from onnx import helper, numpy_helper
 

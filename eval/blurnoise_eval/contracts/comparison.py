@@ -21,125 +21,31 @@ pictures on, 89 from 10, 60 from 4.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import stdtrit
 
+from blurnoise_eval.contracts.mirrored_views import detected, shifted_classes
+from blurnoise_eval.contracts.variants import FACTORS, Image, Known, Variant, factors, other_inputs
 from blurnoise_eval.datasets import PictureSet, sample
-from blurnoise_eval.detectors.contract import EXPORTER, INPUT_VALUES, Contract
+from blurnoise_eval.detectors.contract import EXPORTER, Contract
 from blurnoise_eval.detectors.contract_files import contract_option
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.python_models import FAMILY
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.run.mirrored_views import agreement, detected, mirrored_view, shifted_classes
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.system.terminal import say_wrapped
 
-Image = NDArray[np.uint8]
-Known = tuple[Image, Detections | None]
-"""A picture and its labels, with scores of 1; None where it has none."""
-FACTORS: dict[str, tuple[str, ...]] = {
-    "colour": ("colour",),
-    "values": ("value_range", "mean", "std"),
-    "resize": ("resize",),
-    "outputs": ("outputs",),
-}
-"""What is varied, to the fields of a contract."""
 _ROUNDS = (2, 4, 8, 16, 32)  # pictures after which the variants that are surely worse are given up
 MOST_PICTURES = _ROUNDS[-1]
 _MOST_INFERENCES = 600  # a round that would lead beyond them is left out
 _NOTHING_FROM = 8  # pictures in which nothing is found again, after which no further ones are shown
-_SURE, _LIKELY, _PROBABLE = 0.995, 0.975, 0.84  # one-sided levels of Student's t
-_FEWEST = 4  # pictures for Student's t to make a variant surely better
-_FAR_RATIO, _FAR_LEAST = 3.0, 2.0  # so many times as much agreement, at least so much, is always sure
+_PROBABLE = 0.84  # one-sided level of Student's t
 _MAY_BE = " may be wrong"
 _READ, _READINGS = 8, 5  # pictures whose values are read, and readings that are compared
 _READ_SHARE = 0.3  # of what another reading of the outputs finds, that has to agree
-_MATTERS = 0.05  # relative gain in merit; another resize that may gain more is a doubt
-_SAME = 0.98  # of what two variants find, from where on it does not matter which one is right
 _GARBAGE_SHARE, _GARBAGE_FOUND = 0.15, 1.0  # less than this share agrees, of more than so much a picture
-
-
-@dataclass
-class Variant:
-    """A contract that is compared.
-
-    By picture: agreed, found, sums of scores; seen, the detections; problems, texts of what must be wrong, or "".
-    """
-
-    contract: Contract
-    agreed: list[float] = field(default_factory=list)
-    found: list[float] = field(default_factory=list)
-    seen: list[Detections] = field(default_factory=list)
-    problems: list[str] = field(default_factory=list)
-    given_up: bool = False
-
-    @property
-    def merits(self) -> NDArray[np.float64]:
-        """Of each picture."""
-        return np.sqrt(np.maximum(0.0, np.array(self.agreed) - 0.1 * np.array(self.found)))
-
-    @property
-    def merit(self) -> float:
-        """The mean over the pictures; 0 of none."""
-        return float(self.merits.mean()) if self.agreed else 0.0
-
-    def differs(self, other: Variant) -> list[str]:
-        """Those of ``FACTORS`` in which the contracts differ."""
-        one, two = self.contract, other.contract
-        return [f for f, names in FACTORS.items() if any(getattr(one, n) != getattr(two, n) for n in names)]
-
-    def show(self, detector: Detector, pictures: Sequence[Known]) -> int:
-        """Detect in those of the pictures that are new to it; returns the number of inferences."""
-        new = pictures[len(self.agreed) :]
-        detector = detector.with_contract(self.contract)
-        for image, labels in new:
-            found, problem = detected(detector, image)
-            view, seen = mirrored_view(image, found)
-            pairs = [(seen, detected(detector, view)[0])]
-            if labels is not None:
-                pairs.append((found[np.isin(found.class_ids, labels.class_ids)], labels))
-            self.seen.append(found)
-            self.problems.append(problem)
-            self.agreed.append(sum(agreement(*pair) for pair in pairs) / len(pairs))
-            scores = sum(float(each.scores.sum()) for pair in pairs for each in pair)
-            self.found.append(scores / 2 / len(pairs))
-        return 2 * len(new)
-
-    def lead(self, other: Variant, level: float) -> float:
-        """How much its mean merit is above the other's at least, by the pictures that both have seen."""
-        count = min(len(self.agreed), len(other.agreed))
-        more = self.merits[:count] - other.merits[:count]
-        if not more.any():
-            return 0.0
-        if count < 2:
-            return -np.inf
-        return float(more.mean() - stdtrit(count - 1, level) * more.std(ddof=1) / np.sqrt(count))
-
-    def surely_beats(self, other: Variant) -> bool:
-        """Whether its merit is surely above the other's."""
-        count = min(len(self.agreed), len(other.agreed))
-        more, less = (float((each.merits[:count] ** 2).sum()) for each in (self, other))
-        far = more >= max(_FAR_LEAST, _FAR_RATIO * less)
-        return far or (count >= _FEWEST and self.lead(other, _SURE) > 0)
-
-    def standing(self, final: Variant, *, stated: bool) -> str:
-        """How it stands to the final one: surely "worse", a "rival" that may be right, or "open".
-
-        It is open where it finds the same, or is another resize that gains little. stated: whether it would replace a
-        field that somebody stated; then it has to be probably better.
-        """
-        if self.given_up or final.surely_beats(self):
-            return "worse"
-        resized = self.differs(final) == ["resize"]
-        gain = self.lead(final, _LIKELY) if stated or resized else -final.lead(self, _LIKELY)
-        least = _MATTERS * final.merit if resized else 0
-        every = sum(float(each.scores.sum()) for variant in (self, final) for each in variant.seen) / 2
-        same = sum(map(agreement, self.seen, final.seen)) / max(every, 1e-9)
-        return "rival" if gain > least and same < _SAME else "open"
 
 
 @dataclass(frozen=True)
@@ -158,15 +64,9 @@ class Comparison:
         if not self.variants:
             return ""
         return (
-            f"input {_text(self.contract)}; {', '.join(_factors(self.contract, 'chosen')) or 'nothing'} chosen by "
+            f"input {_text(self.contract)}; {', '.join(factors(self.contract, 'chosen')) or 'nothing'} chosen by "
             f"comparing {self.variants} variants on {_pictures(self.pictures)} ({self.inferences} inferences)"
         )
-
-
-def _factors(contract: Contract, *statuses: str) -> list[str]:
-    """Those of ``FACTORS`` that were "chosen", or are "assumed"."""
-    sources = contract.sources
-    return [f for f, names in FACTORS.items() if any(sources[name].startswith(statuses) for name in names)]
 
 
 def contracts_chosen(
@@ -183,7 +83,7 @@ def contracts_chosen(
             continue
         comparison = comparisons[model.name] = compared(model, _known(model, pictures))
         found[place] = model.with_contract(comparison.contract)
-        if say and _factors(comparison.contract, "chosen", "assumed") and comparison.text:
+        if say and factors(comparison.contract, "chosen", "assumed") and comparison.text:
             say_wrapped(f"{model.name}: {comparison.text}", hanging=2, error=True)
     doubted = dict[str, list[tuple[str, str]]]()
     for name, comparison in comparisons.items() if say else ():
@@ -217,7 +117,7 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
     detector, others, notes = _read_by_values(detector, shown[:_READ])
     variants = [Variant(detector.contract), *(Variant(other) for other in others)]
     if not any(EXPORTER in detector.contract.sources[name] for name in ("colour", "value_range")):
-        variants += [Variant(other) for other in _other_inputs(detector)]
+        variants += [Variant(other) for other in other_inputs(detector)]
     inferences, count = 0, 0
     for upto in _ROUNDS if len(variants) > 1 else ():
         left = [each for each in variants if not each.given_up]
@@ -265,7 +165,7 @@ def _read_by_values(detector: Detector, shown: Sequence[Known]) -> tuple[Detecto
     others_too = free and detector.family.by_shape
     images = [image for image, _ in shown]
     allowed, why = detector.readings(
-        images, [own, *(_other_inputs(detector) if free else ())], others=others_too
+        images, [own, *(other_inputs(detector) if free else ())], others=others_too
     )
     pictures = _pictures(len(shown))
     if not why:
@@ -299,7 +199,7 @@ def _decided(
     if not labelled and any(_alike(each) for each in left if each.seen):
         text = f"the model finds the same in each of {_pictures(count)}, so they confirm no contract"
         return own, {}, [text]
-    assumed, shown = _factors(own.contract, "assumed"), _pictures(count)
+    assumed, shown = factors(own.contract, "assumed"), _pictures(count)
     free = [each for each in left if set(each.differs(own)) <= set(assumed)]
     best = _best_of_its_resize(own, free)
     final = best if best.lead(own, _PROBABLE) > 0 and _may_be_read(best, own) else own
@@ -375,33 +275,6 @@ def _text(contract: Contract) -> str:
     stated = [f"{name} {list(each)}" for name, each in values if each]
     outputs = [f"outputs {contract.outputs!r}"] if "chosen" in contract.sources["outputs"] else []
     return ", ".join([contract.colour, contract.value_range, *stated, contract.resize, *outputs])
-
-
-def _other_inputs(detector: Detector) -> list[Contract]:
-    """Contracts under which a picture enters otherwise, at the same size."""
-    own = detector.contract
-    turn = -1 if own.colour == "bgr" else 1  # values in the order of rgb
-    of_own = own.value_range, *(each and each[::turn] for each in (own.mean, own.std))
-    found = [own]
-    grey: tuple[tuple[Any, int], ...] = (("grey", 1),)
-    for colour, turn in grey if own.colour == "grey" else (("rgb", 1), ("bgr", -1)):
-        for span, *values in (*(() if detector.takes_bytes else INPUT_VALUES.values()), of_own):
-            mean, std = (each and each[::turn] for each in values)
-            fields: dict[str, Any] = {"colour": colour, "value_range": span, "mean": mean, "std": std}
-            other = replace(own, **fields)
-            if not any(other.colour == each.colour and _enters_alike(other, each) for each in found):
-                found.append(other)
-    return found[1:]
-
-
-def _enters_alike(one: Contract, other: Contract) -> bool:
-    """Whether black and white enter alike, to within a hundredth of the range."""
-    ends, others = (
-        (np.outer((0, 255 if each.value_range == "0-255" else 1), (1, 1, 1)) - (each.mean or 0))
-        / (each.std or 1)
-        for each in (one, other)
-    )
-    return np.allclose(ends, others, rtol=0.01, atol=0.01 * float(np.ptp(ends)))
 
 
 def output_problems(detector: Detector, image: Image) -> list[str]:

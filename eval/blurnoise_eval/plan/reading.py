@@ -1,0 +1,67 @@
+"""Readers of settings: tone curves, grey anchors and trajectories, from what Python, a file or an option has.
+
+Each raises ``ValueError`` of one line. Heavy modules are imported once there is a value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from blurnoise.camera.colour import PictureTone
+    from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
+
+_TONES = ("srgb", "linear", "filmic")
+_TONE_CHOICES = (
+    "srgb, linear, filmic, a camera file with 'tone:', or points light:value such as 0:0,0.2:0.5,1:1"
+)
+
+
+def tone_of(given: Any) -> PictureTone:
+    """The tone curve of a picture from a name, points (such as "0:0,0.2:0.5,1:1"), or a camera file with ``tone``.
+
+    >>> tone_of("0:0,0.2:0.5,1:1")
+    ((0.0, 0.0), (0.2, 0.5), (1.0, 1.0))
+    """
+    from blurnoise._core.files import read_document
+    from blurnoise.camera.colour import picture_tone
+
+    value: Any = given
+    if isinstance(given, str) and ":" in given and not given.endswith((".yaml", ".yml", ".json")):
+        value = [pair.split(":") for pair in given.split(",")]
+    elif isinstance(given, str) and given not in _TONES:
+        try:
+            camera = read_document(Path(given))
+        except OSError:
+            raise ValueError(f"must be {_TONE_CHOICES}") from None
+        value = camera.get("tone") if isinstance(camera, Mapping) else None
+        if value is None:
+            raise ValueError(f"must be {_TONE_CHOICES}; this file has no 'tone:'")
+    try:
+        return picture_tone(value, "picture_tone")
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+
+
+def anchor_of(given: Any) -> str | None:
+    """A grey anchor, as :class:`blurnoise.scene.metering.GreyAnchor` writes it.
+
+    >>> anchor_of("P50.0")
+    'p50'
+    """
+    from blurnoise.scene.metering import GreyAnchor
+
+    return None if given is None else str(GreyAnchor.parse(given))
+
+
+def trajectory_of(given: Any) -> TrajectorySpec | None:
+    """A trajectory from the text of an option; a file is read now."""
+    from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
+
+    if given is None or isinstance(given, TrajectorySpec):
+        return given
+    if not isinstance(given, str):
+        raise ValueError("must be text, such as shake:3")
+    return TrajectorySpec.parse(given)
