@@ -171,6 +171,26 @@ def prints(source):
     )
 
 
+NAMED_TWICE: dict[str, set[str]] = {
+    "RandomExposure": {
+        "blurnoise.albumentations",
+        "blurnoise.training.augmentation",
+    },  # a door for another library
+}
+"""Names that stand for several classes all the same, and where."""
+
+
+def test_no_name_stands_for_two_classes():
+    """In all packages, private ones included: who reads a name knows what it is."""
+    homes: dict[str, list[str]] = {}
+    for module, path in SOURCES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                homes.setdefault(node.name.lstrip("_"), []).append(module)
+    twice = {name: set(modules) for name, modules in homes.items() if len(modules) > 1}
+    assert twice == NAMED_TWICE
+
+
 def test_no_file_is_too_long():
     lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in SOURCES.items()}
     assert not {name: length for name, length in lengths.items() if length > LONGEST_LINES}
