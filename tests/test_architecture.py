@@ -182,13 +182,15 @@ NAMED_TWICE: dict[str, set[str]] = {
 
 def test_no_name_stands_for_two_classes():
     """In all packages, private ones included: who reads a name knows what it is."""
-    homes: dict[str, list[str]] = {}
+    homes: dict[str, set[str]] = {}
     for module, path in SOURCES.items():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ClassDef):
-                homes.setdefault(node.name.lstrip("_"), []).append(module)
-    twice = {name: set(modules) for name, modules in homes.items() if len(modules) > 1}
-    assert twice == NAMED_TWICE
+                homes.setdefault(node.name.lstrip("_"), set()).add(module)
+    twice = {name: modules for name, modules in homes.items() if len(modules) > 1}
+    assert not {
+        name: modules for name, modules in twice.items() if not modules <= NAMED_TWICE.get(name, set())
+    }
 
 
 def test_no_file_is_too_long():

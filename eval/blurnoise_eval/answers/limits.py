@@ -76,8 +76,8 @@ def of_window(line: ExposureLine, window: tuple[float, float], level: float) -> 
 
     At the last exposure that fails before its lower end: darkness or noise, see :meth:`ExposureLine.lacks`. At the
     first that fails beyond its upper end: blur, if the slowest speed works with the same light and time, else
-    saturation if more of the picture is saturated than somewhere in the window. With no slower speed tested it is saturation at
-    rest; of a line that moves it is blur where nothing saturates, else unknown.
+    saturation if more of the picture is saturated than somewhere in the window. With no slower speed tested it is
+    saturation at rest; of a line that moves it is blur where nothing saturates, else unknown.
     """
     x, value = line.x, line.of.mean
     inside = (window[0] <= x) & (x <= window[1])

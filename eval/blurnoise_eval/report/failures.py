@@ -42,7 +42,7 @@ Row = dict[str, Any]
 Places = tuple[int, ...]
 
 
-class Pictures(Protocol):
+class PicturesOfRun(Protocol):
     """The pictures of a run, opened and simulated again. Both raise ``ValueError`` or ``OSError``."""
 
     def picture(self, name: str) -> Picture:
@@ -81,7 +81,7 @@ class _OpeningView(NamedTuple):
     lost: list[int]
 
 
-def write_failures(store: Store, data: RunData, folder: Path, run: Pictures) -> Path:
+def write_failures(store: Store, data: RunData, folder: Path, run: PicturesOfRun) -> Path:
     """Write ``folder``/failures.html, which works offline; returns its path. Raises ``OSError``.
 
     What the limits above leave out, and pictures that cannot be opened, are named on the page.
@@ -212,7 +212,7 @@ def _views(number: int, codes: Codes, tested: _TestedConditions) -> Iterator[_Op
             yield _OpeningView(number, a, b, order[(found[a] & known[a] & ~found[b])[order]].tolist())
 
 
-def _pictures(run: Pictures, names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+def _pictures(run: PicturesOfRun, names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     """The original pictures as small JPEGs, as far as the limits go; and what is wrong with the others."""
     found, wrong, n_bytes, n_px = dict[str, str](), list[str](), 0, 0
     for name in names:
@@ -236,7 +236,7 @@ def _resized(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
 
 
 def _crops(
-    store: Store, run: Pictures, model: _Model, tested: _TestedConditions, view: _OpeningView
+    store: Store, run: PicturesOfRun, model: _Model, tested: _TestedConditions, view: _OpeningView
 ) -> Iterator[tuple[str, list[Any]]]:
     """By target and condition: the simulated picture around the target, and its box there in % of that."""
 
