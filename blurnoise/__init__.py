@@ -10,12 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from blurnoise.blur.convolution import defocus, motion_blur
     from blurnoise.blur.layers import Layer, expose_layers
-    from blurnoise.camera import Camera
-    from blurnoise.camera.captures import Capture
-    from blurnoise.camera.radiometry import photoelectrons
-    from blurnoise.camera.spectra import Curve
-    from blurnoise.camera.transfer import Optics
-    from blurnoise.light.flicker import Pwm
+    from blurnoise.light.lamp import Pwm
     from blurnoise.metrics import slanted_edge
     from blurnoise.motion.ego import blur_pixels, velocity_px_s
     from blurnoise.motion.trajectory import Trajectory
@@ -23,7 +18,9 @@ if TYPE_CHECKING:
     from blurnoise.scene.exposure import Exposure
     from blurnoise.scene.metering import AutoExposure
     from blurnoise.scene.plan import plan
-    from blurnoise.scene.scene import ExposedScene, simulate
+    from blurnoise.scene.scene import Scene
+    from blurnoise.scene.simulate import simulate
+    from blurnoise.scene.take import Frames, TakeOptions, take, take_each
     from blurnoise.training.arrays import expose_numpy, labels_numpy
     from blurnoise.training.augmentation import RandomExposure
     from blurnoise.training.pictures import expose_pictures
@@ -33,12 +30,14 @@ __all__ = [
     "Camera",
     "Capture",
     "Curve",
-    "ExposedScene",
     "Exposure",
+    "Frames",
     "Layer",
     "Optics",
     "Pwm",
     "RandomExposure",
+    "Scene",
+    "TakeOptions",
     "Trajectory",
     "blur_pixels",
     "defocus",
@@ -52,12 +51,14 @@ __all__ = [
     "plan",
     "simulate",
     "slanted_edge",
+    "take",
+    "take_each",
     "velocity_px_s",
 ]
 _MODULES = {
     "blur.convolution": ("defocus", "motion_blur"),
     "blur.layers": ("Layer", "expose_layers"),
-    "light.flicker": ("Pwm",),
+    "light.lamp": ("Pwm",),
     "metrics": ("slanted_edge",),
     "motion.ego": ("blur_pixels", "velocity_px_s"),
     "motion.trajectory": ("Trajectory",),
@@ -70,7 +71,9 @@ _MODULES = {
     "scene.exposure": ("Exposure",),
     "scene.metering": ("AutoExposure",),
     "scene.plan": ("plan",),
-    "scene.scene": ("ExposedScene", "simulate"),
+    "scene.scene": ("Scene",),
+    "scene.simulate": ("simulate",),
+    "scene.take": ("Frames", "TakeOptions", "take", "take_each"),
     "training.arrays": ("expose_numpy", "labels_numpy"),
     "training.augmentation": ("RandomExposure",),
     "training.pictures": ("expose_pictures",),

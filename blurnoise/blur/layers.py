@@ -46,6 +46,7 @@ from blurnoise.camera.transfer import SHARP
 
 _PLACE_PX = 1 << 20
 _LONGEST_PX = 4096.0  # of a motion that is cut into sub-exposures
+_FAINT = 1e-3  # share of a pixel below which an object has no colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +55,16 @@ class Layer:
 
     light: (C, h, w), linear, not multiplied by alpha. alpha: (h, w) within [0, 1], the share of each pixel that the
     object covers. velocity_px_s: (2,), (x, y). place_px: (left, top) of the object's first pixel in the picture,
-    whole px; it may lie outside the picture. Gradients pass through light, alpha and velocity. Raises ``TypeError``
-    or ``ValueError`` naming the field and what is allowed.
+    whole px; it may lie outside the picture. speed: of a target, a multiple of the exposure's velocity in place of
+    velocity_px_s (:meth:`blurnoise.Exposure.of_targets`); None: no target. Gradients pass through light, alpha and
+    velocity. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
     """
 
     light: Tensor
     alpha: Tensor
     velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0)
     place_px: tuple[int, int] = (0, 0)
+    speed: float | None = None
 
     def __post_init__(self) -> None:
         image_batch("layer: light", self.light, "(C, h, w)")
@@ -299,6 +302,13 @@ def flattened(layers: Sequence[Layer]) -> Layer:
     alpha = plane[-1]
     light = torch.where(alpha > 0, plane[:-1] / alpha.clamp_min(torch.finfo(alpha.dtype).tiny), 0.0)
     return Layer(light, alpha.clamp(0, 1), layers[0].velocity_px_s, (window.left, window.top))
+
+
+def coloured(plane: Tensor) -> tuple[Tensor, Tensor]:
+    """Light (C, h, w) and matte (h, w) of a plane (C + 1, h, w) of light times matte, and the matte."""
+    alpha = plane[-1].clamp(0, 1)
+    covers = alpha > _FAINT  # fainter values are the ringing of resampling, and have no colour
+    return torch.where(covers, plane[:-1] / alpha.clamp_min(_FAINT), 0.0), torch.where(covers, alpha, 0.0)
 
 
 def trimmed(layer: Layer) -> Layer:

@@ -13,10 +13,11 @@ from typing import NamedTuple
 from torch import Tensor
 
 from blurnoise._core.borders import Border
+from blurnoise.blur.layers import Layer
 from blurnoise.camera import Camera
 from blurnoise.camera.spectra import Floats
 from blurnoise.camera.transfer import SHARP, Optics
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Number, Resolved
 from blurnoise.motion.trajectory import Polyline
 
 
@@ -35,50 +36,65 @@ class LightEffect(ABC):
     """One entry of :data:`blurnoise.light.effects.EFFECTS`; it must compare equal to itself and be hashable.
 
     name: in plans and explanations. figures: the camera's fields that it depends on; 0 for all of them disables the
-    effect. essential: the effect is never omitted, however small, since it is part of the scene. For a camera for
-    which it is :meth:`idle`, only :meth:`key` is called.
+    effect. essential: the effect is never omitted, however small, since it is part of the scene. of_scene: the effect
+    changes the scene before the lens, so that it decides how bright the brightest surface is. For a camera for which
+    it is :meth:`idle`, only :meth:`key` is called.
     """
 
     name: str
     figures: tuple[str, ...] = ()
     essential: bool = False
+    of_scene: bool = False
 
     def idle(self, camera: Camera) -> bool:
         """Whether the camera lacks the effect; by default, whether the effect has figures and all of them are 0."""
         return bool(self.figures) and not any(camera.figure(name) for name in self.figures)
 
+    def acts(self, at: Resolved[Number]) -> bool:
+        """Whether the effect changes the light under these conditions; by default, whether it is not idle."""
+        return not self.idle(at.camera)
+
     @abstractmethod
-    def bound(self, at: Conditions[float]) -> float:
+    def bound(self, at: Resolved[float]) -> float:
         """Largest RMS change, in units of white, of any picture within [0, 1] if the effect is omitted."""
 
-    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
         """Return the light after the effect, of the same shape; ``light`` is not modified. Not called for a blur."""
         raise NotImplementedError(f"{self.name}: an effect has to define apply, or blur")
 
-    def blur(self, at: Conditions[Tensor]) -> Blur | None:
+    def apply_to_layer(self, layer: Layer, like: Tensor, at: Resolved[Tensor], border: Border) -> Layer:
+        """Return an object in front of a picture ``like`` (1, C, H, W) after the effect; unchanged by default.
+
+        Called for effects that precede the motion of objects. at: the conditions of that picture alone.
+        """
+        return layer
+
+    def blur(self, at: Resolved[Tensor]) -> Blur | None:
         """The effect as a blur that shares a transform with its neighbours; None, the default: see :meth:`apply`."""
         return None
 
-    def how(self, at: Conditions[float]) -> str:
+    def how(self, at: Resolved[float]) -> str:
         """Short description of the model."""
         return "light in, light out"
 
-    def key(self, at: Conditions[float]) -> Hashable:
+    def key(self, at: Resolved[float]) -> Hashable:
         """The conditions that the effect depends on: equal keys give equal light."""
         return None if self.idle(at.camera) else at
 
-    def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
+    def move_boxes(self, boxes_xyxy: Tensor, at: Resolved[float]) -> Tensor:
         """Boxes (N, 4) of the scene at mid-exposure in the picture; unchanged by default.
 
         The picture's size is ``at.size``, or where that is None the sensor's.
         """
         return boxes_xyxy
 
-    def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
+    def sweep_boxes(self, boxes_xyxy: Tensor, at: Resolved[float]) -> Tensor:
         """Boxes (N, 4) that targets cover during the exposure; by default :meth:`move_boxes`."""
         return self.move_boxes(boxes_xyxy, at)
 
-    def origins(self, points: Floats, at: Conditions[float]) -> Floats:
-        """Points of the scene that points (2, ...) within the picture show at mid-exposure: :meth:`move_boxes` the
-        other way round, for every pixel of a mask; unchanged by default."""
+    def origins(self, points: Floats, at: Resolved[float]) -> Floats:
+        """Points of the scene that points (2, ...) within the picture show at mid-exposure; unchanged by default.
+
+        The inverse of :meth:`move_boxes`, for every pixel of a mask.
+        """
         return points

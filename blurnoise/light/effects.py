@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -15,43 +16,75 @@ from blurnoise.blur import convolution
 from blurnoise.camera import Camera
 from blurnoise.camera.spectra import Floats
 from blurnoise.camera.transfer import SHARP, Optics
-from blurnoise.light import lens, motion
-from blurnoise.light.conditions import Conditions
+from blurnoise.light import capture, lens, motion
 from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.light.resolved import Resolved
 
 EFFECTS: tuple[LightEffect, ...] = (
-    lens.DISTORTION, motion.OBJECTS, lens.LATERAL_COLOUR, lens.DEFOCUS, lens.DIFFRACTION, lens.MEASURED_MTF,
-    motion.MOTION, motion.MOTION_VARIATION, motion.ROLLING_SHUTTER, lens.VIGNETTING,
+    capture.LAMP, capture.LATER_CAPTURE, lens.DISTORTION, motion.OBJECTS, lens.LATERAL_COLOUR, lens.DEFOCUS,
+    lens.DIFFRACTION, lens.MEASURED_MTF, motion.MOTION, motion.MOTION_VARIATION, motion.ROLLING_SHUTTER,
+    lens.VIGNETTING,
 )  # fmt: skip
 """All light effects, in causal order. Blur and motion are in px of the distorted picture, hence after distortion."""
 
 
+def scene_at(
+    light: Tensor, at: Resolved[Tensor], *, border: Border = "reflect"
+) -> tuple[Tensor, Resolved[Tensor]]:
+    """The scene during one capture: its light (B, C, H, W), and the conditions with its layers.
+
+    Returns ``light`` itself if no effect changes it.
+    """
+    return _applied(light, at, border, lambda effect: effect.of_scene)
+
+
 def through(
     light: Tensor,
-    at: Conditions[Tensor],
+    at: Resolved[Tensor],
     *,
     border: Border = "reflect",
     without: frozenset[str] = frozenset(),
 ) -> Tensor:
-    """Light (B, C, H, W) after all effects except those named in ``without``; adjacent blurs share a transform.
+    """Light (B, C, H, W) of the scene after lens and motion, without the effects named in ``without``.
 
-    Returns ``light`` itself if no effect changes it.
+    Adjacent blurs share a transform. Returns ``light`` itself if no effect changes it.
     """
-    waiting = Blur()
+    light, _ = _applied(light, at, border, lambda effect: not effect.of_scene and effect.name not in without)
+    return light
+
+
+def _applied(
+    light: Tensor, at: Resolved[Tensor], border: Border, wanted: Callable[[LightEffect], bool]
+) -> tuple[Tensor, Resolved[Tensor]]:
+    waiting = Blur()  # of the transfer functions since the last effect that is none
     for effect in EFFECTS:
-        if effect.name in without or effect.idle(at.camera):
+        if not wanted(effect) or not effect.acts(at):
             continue
-        own = effect.blur(at)
-        joined = None if own is None else _joined(waiting, own)
+        blur = effect.blur(at)
+        joined = None if blur is None else _joined(waiting, blur)
         if joined is None:
             light = _blurred(light, waiting, border)
-        if own is None:
-            light = effect.apply(light, at, border)
-        waiting = joined or own or Blur()
-    return _blurred(light, waiting, border)
+        if blur is None:
+            before, light = light, effect.apply(light, at, border)
+            at = _with_layers_after(effect, before, at, border)
+        waiting = joined or blur or Blur()
+    return _blurred(light, waiting, border), at
 
 
-def key(at: Conditions[float], without: frozenset[str] = frozenset()) -> Hashable:
+def _with_layers_after(
+    effect: LightEffect, like: Tensor, at: Resolved[Tensor], border: Border
+) -> Resolved[Tensor]:
+    """The conditions with the layers after an effect that changes them as it does the picture behind them."""
+    if not at.objects or type(effect).apply_to_layer is LightEffect.apply_to_layer:
+        return at
+    every = []
+    for item, layers in enumerate(at.layers):
+        one, picture = at.part([item]), like[item : item + 1]
+        every.append(tuple(effect.apply_to_layer(layer, picture, one, border) for layer in layers))
+    return replace(at, objects=tuple(every))
+
+
+def key(at: Resolved[float], without: frozenset[str] = frozenset()) -> Hashable:
     """Equal for exposures of one picture whose light is equal after all effects."""
     return tuple(effect.key(at) for effect in EFFECTS if effect.name not in without)
 
@@ -62,7 +95,7 @@ def displace(camera: Camera) -> bool:
     return any(type(effect).move_boxes is not moves and not effect.idle(camera) for effect in EFFECTS)
 
 
-def moved_boxes(boxes_xyxy: Tensor, at: Conditions[float], *, swept: bool = False) -> Tensor:
+def moved_boxes(boxes_xyxy: Tensor, at: Resolved[float], *, swept: bool = False) -> Tensor:
     """Boxes (N, 4) of the scene in the picture, after all effects: at mid-exposure, or what they cover during it."""
     for effect in EFFECTS:
         if not effect.idle(at.camera):
@@ -70,7 +103,7 @@ def moved_boxes(boxes_xyxy: Tensor, at: Conditions[float], *, swept: bool = Fals
     return boxes_xyxy
 
 
-def origins(points: Floats, at: Conditions[float]) -> Floats:
+def origins(points: Floats, at: Resolved[float]) -> Floats:
     """Points (2, ...) of the scene that points of the picture show at mid-exposure, through all effects."""
     for effect in reversed(EFFECTS):
         if not effect.idle(at.camera):

@@ -9,26 +9,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise._core.borders import Border
+from blurnoise._core.borders import Border, Window
 from blurnoise.blur import convolution, over_the_field, resampling
+from blurnoise.blur.layers import Layer, coloured, plane_of
 from blurnoise.camera import Camera, lens
 from blurnoise.camera.lens import Field, Size
 from blurnoise.camera.spectra import Floats
 from blurnoise.camera.transfer import SHARP, Optics
-from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.light.resolved import Resolved
 
 
 class _OverTheField(LightEffect):
     """An effect that differs from place to place."""
 
-    def key(self, at: Conditions[float]) -> Hashable:
+    def key(self, at: Resolved[float]) -> Hashable:
         return None if self.idle(at.camera) else at.camera.field
 
 
@@ -44,13 +46,13 @@ class _ByTransferFunction(LightEffect):
     def idle(self, camera: Camera) -> bool:
         return self.optics(camera) == SHARP
 
-    def bound(self, at: Conditions[float]) -> float:
+    def bound(self, at: Resolved[float]) -> float:
         return self.optics(at.camera).error
 
-    def blur(self, at: Conditions[Tensor]) -> Blur | None:
+    def blur(self, at: Resolved[Tensor]) -> Blur | None:
         return Blur(self.optics(at.camera))
 
-    def key(self, at: Conditions[float]) -> Hashable:
+    def key(self, at: Resolved[float]) -> Hashable:
         return self.optics(at.camera)
 
 
@@ -62,26 +64,32 @@ class Distortion(_OverTheField):
     def idle(self, camera: Camera) -> bool:
         return not camera.lens.displaces
 
-    def bound(self, at: Conditions[float]) -> float:
+    def bound(self, at: Resolved[float]) -> float:
         return _displaced(lens.farthest_px(at.camera.field))
 
-    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
         size = _size(light)
         x, y = lens.sources(at.camera.field, size)
         seen = resampling.sampled(light, x, y, border)
         inside = lens.inside(at.camera.field, size)
         return seen if inside is None else seen * torch.from_numpy(inside).to(seen)
 
-    def how(self, at: Conditions[float]) -> str:
+    def apply_to_layer(self, layer: Layer, like: Tensor, at: Resolved[Tensor], border: Border) -> Layer:
+        """The layer as the lens shows it, in a window as large as the picture."""
+        plane = plane_of([layer], Window(0, 0, like.shape[-2], like.shape[-1]), like, "constant")
+        light, alpha = coloured(self.apply(plane, at, border)[0])
+        return replace(layer, light=light, alpha=alpha, place_px=(0, 0))
+
+    def how(self, at: Resolved[float]) -> str:
         shape, farthest_px = at.camera.lens.distortion, lens.farthest_px(at.camera.field)
         return f"{shape.model if shape else ''}, up to {farthest_px:.3g} px: resampled by splines"
 
-    def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
+    def move_boxes(self, boxes_xyxy: Tensor, at: Resolved[float]) -> Tensor:
         field = at.camera.field
         moved = field.moved_boxes(boxes_xyxy.detach().cpu().double().numpy(), at.size or field.size)
         return torch.from_numpy(moved).to(boxes_xyxy)
 
-    def origins(self, points: Floats, at: Conditions[float]) -> Floats:
+    def origins(self, points: Floats, at: Resolved[float]) -> Floats:
         return at.camera.field.seen(points, at.size or at.camera.field.size)
 
 
@@ -93,11 +101,11 @@ class LateralColour(_OverTheField):
     def idle(self, camera: Camera) -> bool:
         return not camera.lens.lateral_red and not camera.lens.lateral_blue
 
-    def bound(self, at: Conditions[float]) -> float:
+    def bound(self, at: Resolved[float]) -> float:
         own = at.camera.lens
         return _displaced(max(abs(own.lateral_red), abs(own.lateral_blue)) * at.camera.field.corner_px)
 
-    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
         if light.shape[1] != 3:
             return light
         field, planes = at.camera.field, list(torch.split(light, 1, 1))
@@ -107,7 +115,7 @@ class LateralColour(_OverTheField):
                 planes[place] = resampling.sampled(planes[place], x, y, border)
         return torch.cat(planes, 1)
 
-    def how(self, at: Conditions[float]) -> str:
+    def how(self, at: Resolved[float]) -> str:
         field = at.camera.field
         red, blue = field.lateral_red * field.corner_px, field.lateral_blue * field.corner_px
         return f"in the corner red {red:+.3g} px, blue {blue:+.3g} px from green: resampled by splines"
@@ -126,24 +134,24 @@ class Defocus(_ByTransferFunction):
     def idle(self, camera: Camera) -> bool:
         return not camera.lens.defocus_radius_px and not camera.lens.field_curvature_px
 
-    def bound(self, at: Conditions[float]) -> float:
+    def bound(self, at: Resolved[float]) -> float:
         """The error of the largest disc; disc areas up to half a pixel are the identity."""
         if at.camera.lens.defocus_counts_pixel:
             return 0.0 if at.camera.lens.defocus_radius_px <= 0.5 else 0.5
         return Optics(defocus_radius_px=max(_ends_px(at.camera))).error
 
-    def blur(self, at: Conditions[Tensor]) -> Blur | None:
+    def blur(self, at: Resolved[Tensor]) -> Blur | None:
         apart = at.camera.lens.defocus_counts_pixel or at.camera.lens.field_curvature_px
         return None if apart else super().blur(at)
 
-    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
         camera = at.camera
         if not camera.lens.field_curvature_px:
             return convolution.defocus(light, camera.lens.defocus_radius_px, border=border)
         radii = _radii_px(camera.field, camera.lens.defocus_radius_px, _size(light))
         return over_the_field.defocus(light, radii, border=border)
 
-    def how(self, at: Conditions[float]) -> str:
+    def how(self, at: Resolved[float]) -> str:
         if at.camera.lens.defocus_counts_pixel:
             return f"areas of a disc, {at.camera.lens.defocus_radius_px:g} px"
         if not at.camera.lens.field_curvature_px:
@@ -153,7 +161,7 @@ class Defocus(_ByTransferFunction):
         discs = over_the_field.discs(0.0 if through else min(centre, corner), max(centre, corner))
         return f"disc of {centre:g} px, {corner:g} px in the corner: at most {len(discs)} blurs, blended"
 
-    def key(self, at: Conditions[float]) -> Hashable:
+    def key(self, at: Resolved[float]) -> Hashable:
         camera = at.camera
         field = camera.field if camera.lens.field_curvature_px else None
         return camera.lens.defocus_radius_px, camera.lens.defocus_counts_pixel, field
@@ -166,7 +174,7 @@ class Diffraction(_ByTransferFunction):
     figures = ("diffraction_wavelength_um",)
     cause = "diffraction_lambda_n_px"
 
-    def how(self, at: Conditions[float]) -> str:
+    def how(self, at: Resolved[float]) -> str:
         return f"transfer function, to {1 / at.camera.optics.diffraction_lambda_n_px:.3g} cycles/px"
 
 
@@ -176,7 +184,7 @@ class MeasuredMtf(_ByTransferFunction):
     name = "measured MTF"
     cause = "measured"
 
-    def how(self, at: Conditions[float]) -> str:
+    def how(self, at: Resolved[float]) -> str:
         curve = at.camera.lens.mtf
         if curve is None:
             return "none here"
@@ -191,14 +199,14 @@ class Vignetting(_OverTheField):
     def idle(self, camera: Camera) -> bool:
         return not camera.lens.falloff_power and camera.lens.relative_illumination is None
 
-    def bound(self, at: Conditions[float]) -> float:
+    def bound(self, at: Resolved[float]) -> float:
         """The largest loss of light in a white picture."""
         return 1 - lens.least_light(at.camera.field)
 
-    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
         return light * torch.from_numpy(lens.light(at.camera.field, _size(light))).to(light)
 
-    def how(self, at: Conditions[float]) -> str:
+    def how(self, at: Resolved[float]) -> str:
         by = f"cos^{at.camera.lens.falloff_power:g}" if at.camera.lens.falloff_power else "measured curve"
         return f"{by}, {lens.least_light(at.camera.field):.3g} of the light in the darkest corner"
 

@@ -36,6 +36,7 @@ def develop(
     encoding: Encoding = "srgb",
     gain_db: float = 0.0,
     illuminant: str | Curve = "D55",
+    white_e: Tensor | float | None = None,
 ) -> Tensor:
     """Digital numbers to a picture in [0, 1]; no automatic gain.
 
@@ -43,25 +44,39 @@ def develop(
     by default) unless ``encoding`` is "linear". For a mosaic, white balance for the light ``illuminant``,
     demosaicking and colour matrix come before the gain: see ``STEPS``. dn: integers of any size, float32 or float64,
     of any shape; a mosaic (B, 1, H, W) becomes (B, 3, H, W). Values outside the converter's range are clamped.
-    Returns dn's floating dtype, float32 for integers. Tables speed up whole numbers; gradients and fractions use the
-    formulas. Raises ``TypeError`` or ``ValueError`` naming dn (NaN and Inf are invalid), camera, encoding, gain_db or
-    illuminant.
+    The captures of an HDR camera, (captures, B, C, H, W), are fused first (:mod:`.fusion`); white_e electrons of the
+    first one, (B,) or one number, become white. Returns dn's floating dtype, float32 for integers.
+    Tables speed up whole numbers; gradients and fractions use the formulas. Raises ``TypeError`` or ``ValueError``
+    naming dn (NaN and Inf are invalid), camera, encoding, gain_db, illuminant or white_e.
+
+    >>> import torch
+    >>> from blurnoise import Camera
+    >>> camera = Camera.preset("imx250")
+    >>> develop(torch.tensor([[[[6.0, 1000.0, 4095.0]]]]), camera).round(decimals=3)
+    tensor([[[[0.0000, 0.5300, 1.0000]]]])
     """
-    at = Development(camera, gain_db, encoding, illuminant)
+    at = Development(camera, gain_db, encoding, illuminant, white_e)
     kind, active = _checked(dn, camera)
-    if differentiable(dn) or (dn.is_floating_point() and not _whole(dn)):
+    formulas = differentiable(dn) or steps.FUSION in active
+    if formulas or (dn.is_floating_point() and not _whole(dn)):
         return _developed(dn.to(kind), at, active)
     first = _first_steps(dn, at, active)
     return _developed(_looked_up(dn, at, first, kind), at, active[len(first) :])
 
 
-def develop_8bit(dn: Tensor, camera: Camera, gain_db: float = 0.0, illuminant: str | Curve = "D55") -> Tensor:
+def develop_8bit(
+    dn: Tensor,
+    camera: Camera,
+    gain_db: float = 0.0,
+    illuminant: str | Curve = "D55",
+    white_e: Tensor | float | None = None,
+) -> Tensor:
     """The sRGB picture of :func:`develop` as an 8-bit camera file would hold it: uint8, of its shape."""
-    at = Development(camera, gain_db, "srgb", illuminant)
+    at = Development(camera, gain_db, "srgb", illuminant, white_e)
     _, active = _checked(dn, camera)
     if _first_steps(dn, at, active) == active:
         return _looked_up(dn, at, active, torch.uint8)
-    picture: Tensor = develop(dn, camera, gain_db=gain_db, illuminant=illuminant)
+    picture: Tensor = develop(dn, camera, gain_db=gain_db, illuminant=illuminant, white_e=white_e)
     return picture.mul(255.0).round().to(torch.uint8)
 
 
@@ -97,12 +112,17 @@ def _checked(dn: Tensor, camera: Camera) -> tuple[torch.dtype, tuple[PictureStep
         kind = finite("dn", dn).dtype
     elif dn.is_floating_point() or dn.is_complex() or dn.dtype == torch.bool:
         raise TypeError(f"dn: must be integers, float32 or float64, got {dn.dtype}")
-    if camera.sensor.cfa not in colour.PLANES and (
-        dn.ndim != 4 or dn.shape[1] != 1 or min(dn.shape[-2:]) < 2
-    ):
+    active, shape = steps.active(camera), tuple(dn.shape)
+    if steps.FUSION in active:
+        if len(shape) != 5 or shape[0] != len(camera.sensor.captures):
+            raise ValueError(
+                f"dn: shape is {shape}; must be ({len(camera.sensor.captures)}, B, C, H, W), one for each capture"
+            )
+        shape = shape[1:]
+    if camera.sensor.cfa not in colour.PLANES and (len(shape) != 4 or shape[1] != 1 or min(shape[-2:]) < 2):
         needs = "needs (B, 1, H, W), H and W at least 2"
         raise ValueError(f"dn: shape is {tuple(dn.shape)}; cfa = {camera.sensor.cfa!r} {needs}")
-    return kind, steps.active(camera)
+    return kind, active
 
 
 def _whole(dn: Tensor) -> bool:
@@ -116,6 +136,8 @@ def _whole(dn: Tensor) -> bool:
 def _first_steps(dn: Tensor, at: Development, active: tuple[PictureStep, ...]) -> tuple[PictureStep, ...]:
     """The leading steps of a table: a mosaic's where 16 bits serve, and the pointwise ones that follow."""
     count = 0
+    if steps.FUSION in active:  # of which no table exists: it mixes frames
+        return ()
     in_16_bits = at.encoding == "srgb" and dn.device.type == "cpu" and dn.dtype != torch.float64
     if in_16_bits and active[:3] == (steps.BLACK_LEVEL, steps.WHITE_BALANCE, steps.DEMOSAIC):
         count = 3 + (active[3:4] == (steps.COLOUR_MATRIX,))

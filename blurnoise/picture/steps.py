@@ -1,14 +1,14 @@
 """The picture's steps, one table in causal order: digital numbers to a picture, after the converter.
 
-Domain: digital numbers until :data:`BLACK_LEVEL` makes them linear light (1: full scale), one plane (B, 1, H, W) of a
-mosaic up to the demosaicing, three colours after it; then a picture in [0, 1]. ``STEPS`` is read wherever a frame is
-developed: a new entry is all that a new step needs.
+Domain: digital numbers until :data:`BLACK_LEVEL` makes them linear light (1: full scale), or :data:`FUSION` those of
+several captures (1: white); one plane (B, 1, H, W) of a mosaic up to the demosaicing, three colours after it; then a
+picture in [0, 1]. ``STEPS`` is read wherever a frame is developed: a new entry is all that a new step needs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -23,11 +23,13 @@ from blurnoise.camera import Camera, colour
 from blurnoise.camera.colour import Encoding, Matrix
 from blurnoise.camera.radiometry import clear_shares, filter_electrons
 from blurnoise.camera.spectra import Curve, check_illuminant
+from blurnoise.picture.fusion import fuse
 
 GAIN_MAX = 16.0
 """Of the automatic white balance: where the light lacks a colour by more, a tint stays."""
 MARGIN = 2
 """Pixels of border that :func:`by_opencv` wants around a picture and takes off."""
+_LEAST_WHITE_E = 1e-9  # of a picture without light, which stays black
 OFFSET, SCALE = 8192.0, 32768.0
 """Where integers of 16 bits hold linear light: 0 and the steps to 1, so that noise below black stays."""
 
@@ -36,13 +38,15 @@ OFFSET, SCALE = 8192.0, 32768.0
 class Development:
     """Options of development: digital gain, the picture's encoding, the light on the scene.
 
-    Raises ``TypeError`` or ``ValueError`` naming the field.
+    white_e: of several captures, the electrons of the first one that become white, (B,) or one number. Raises
+    ``TypeError`` or ``ValueError`` naming the field.
     """
 
     camera: Camera
     gain_db: float = 0.0
     encoding: Encoding = "srgb"
     illuminant: str | Curve = "D55"
+    white_e: Tensor | float | None = field(default=None, compare=False)  # no table depends on it
 
     def __post_init__(self) -> None:
         an_instance("camera", self.camera, Camera)
@@ -67,6 +71,19 @@ class PictureStep:
     apply: Callable[[Tensor, Development], Tensor]
     active: Callable[[Camera], bool] = lambda camera: True
     pointwise: bool = True
+
+
+def _fuses(camera: Camera) -> bool:
+    return len(camera.sensor.captures) > 1
+
+
+def _fused(picture: Tensor, at: Development) -> Tensor:
+    """Light of several captures (captures, B, C, H, W): electrons of the first one, over those of white."""
+    if at.white_e is None:
+        raise ValueError("white_e: must be specified for a camera of several captures")
+    electrons = fuse(list(picture), at.camera)
+    white_e = torch.as_tensor(at.white_e).to(electrons)
+    return electrons / white_e.clamp_min(_LEAST_WHITE_E).view(-1, 1, 1, 1)
 
 
 def _light(picture: Tensor, at: Development) -> Tensor:
@@ -123,7 +140,8 @@ def _corrects(camera: Camera) -> bool:
     return camera.isp.ccm is not None or camera.sensor.cfa == "RCCB"
 
 
-BLACK_LEVEL = PictureStep("black level", _light)
+FUSION = PictureStep("fusion", _fused, _fuses, pointwise=False)
+BLACK_LEVEL = PictureStep("black level", _light, lambda camera: not _fuses(camera))
 WHITE_BALANCE = PictureStep("white balance", _balanced, _of_mosaic, pointwise=False)
 DEMOSAIC = PictureStep(
     "demosaic",
@@ -133,6 +151,7 @@ DEMOSAIC = PictureStep(
 )
 COLOUR_MATRIX = PictureStep("colour matrix", _corrected, _corrects, pointwise=False)
 STEPS = (
+    FUSION,
     BLACK_LEVEL,
     WHITE_BALANCE,
     DEMOSAIC,
@@ -166,6 +185,8 @@ def site_gains(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, 
 
 def highest(camera: Camera) -> float:
     """The level of linear light from which on a pixel counts as saturated."""
+    if _fuses(camera):  # in place of a capture that is full, the next one counts: only white is a limit
+        return 1.0
     return (camera.sensor.saturated_dn - camera.sensor.black_level_dn) / (
         camera.sensor.full_scale_dn - camera.sensor.black_level_dn
     )

@@ -15,13 +15,16 @@ from functools import lru_cache
 from blurnoise._core.checks import an_instance, limited, picture_size, real_tensor, shown
 from blurnoise.blur.layers import ObjectMotion
 from blurnoise.camera import Camera, radiometry
+from blurnoise.camera.captures import factors
 from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.camera.spectra import Curve
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions, Number
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION_VARIATION
+from blurnoise.light.resolved import Number, Resolved
 from blurnoise.motion.trajectory import Trajectory
+from blurnoise.picture.fusion import readers, saturations_e
+from blurnoise.picture.steps import FUSION
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
 
@@ -58,7 +61,7 @@ class Plan:
     left_out_dn: float = field(default=0.0, compare=False)
     tolerance_dn: float = field(default=0.0, compare=False)
 
-    def reduced(self, at: Conditions[Number]) -> Conditions[Number]:
+    def reduced(self, at: Resolved[Number]) -> Resolved[Number]:
         """The conditions with the omitted parts set to 0."""
         flow = None if MOTION_VARIATION.name in self.without else at.flow_px
         return replace(at, camera=self.camera, flow_px=flow)
@@ -104,18 +107,18 @@ def plan(
         raise TypeError(f"objects = {shown(objects)}: must be a tuple of blurnoise.blur.layers.ObjectMotion")
     size = None if size is None else picture_size("size", size)
     one = float(exposure_s), temperature, white_e, (x, y)
-    at = Conditions(camera, *one, illuminant, size, paths, objects, variation_px=varies)
+    at = Resolved(camera, *one, illuminant, size, paths, objects, variation_px=varies)
     return plan_at(at, tolerance_dn)
 
 
-def plan_at(at: Conditions[float], tolerance_dn: float = TOLERANCE_DN) -> Plan:
+def plan_at(at: Resolved[float], tolerance_dn: float = TOLERANCE_DN) -> Plan:
     """:func:`plan` under conditions."""
     return _plan(at, tolerance_dn, effects.EFFECTS, stages.STAGES)
 
 
 @lru_cache(maxsize=1024)
 def _plan(
-    at: Conditions[float],
+    at: Resolved[float],
     tolerance_dn: float,
     of_light: tuple[LightEffect, ...],
     of_sensor: tuple[SensorStage, ...],
@@ -149,6 +152,15 @@ def _plan(
     )
     total = math.sqrt(rounding_dn2 + sum(each.contribution_dn**2 for each in contributions if not each.kept))
     return Plan(contributions, reduced, frozenset(left_out - stay - {shot}), noisy, total, tolerance_dn)
+
+
+def of_fusion(camera: Camera, white_e: float) -> Contribution:
+    """The fusion of several captures, which is never omitted: the light of white that the first capture clips."""
+    first, captures = readers(camera)[0], camera.sensor.captures
+    beyond_dn = within_range_dn(first, max(0.0, white_e - first.sensor.saturation_e))
+    ratios = ", ".join(f"{factor:.4g}" for factor in factors(captures))
+    how = f"{len(captures)} captures of 1 / ({ratios}) of the light, to {saturations_e(camera)[-1]:.4g} e-"
+    return Contribution(FUSION.name, beyond_dn, True, how)
 
 
 def _left_out(

@@ -24,9 +24,9 @@ from blurnoise._core.lookup import look_up, look_up_codes
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
 from blurnoise.camera import Camera
 from blurnoise.camera.radiometry import dark_electrons
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 from blurnoise.sensor import stages
-from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
+from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Law, ReadoutFields, SensorStage
 
 Fidelity = Literal["auto", "full"]
 FixedPattern = tuple[Tensor, Tensor]
@@ -80,7 +80,7 @@ def read_out(
     :class:`ReadoutOptions`. Means below 0 (ringing of a blur) count as 0.
     """
     batch = len(image_batch("scene", scene))
-    at = Conditions(
+    at = Resolved(
         camera,
         limited_per_image("exposure_s", exposure_s, batch, scene),
         limited_per_image("temperature_c", temperature_c, batch, scene),
@@ -90,7 +90,7 @@ def read_out(
     return digitised(scene, at, ReadoutOptions(rng.item_seeds(generator, batch), **options))
 
 
-def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) -> Tensor:
+def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> Tensor:
     """:func:`read_out` of valid arguments: finite light (B, C, H, W), the camera and numbers of ``at``.
 
     Through ``STAGES`` in their order: by the fast route where it has them all, else stage by stage. The route may
@@ -107,10 +107,10 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
     active = stages.active(camera, options.without, noisy=options.noise)
     law, known = _law(camera, options, with_gradients, active), supports(active)
 
-    def frames(of: slice, lights: slice) -> Frames:
+    def frames(of: slice, lights: slice) -> ReadoutFields:
         light, white_e, dark_e = scene[of], white[lights, None, None, None], dark[lights, None, None, None]
         gain, offset_e = (None if plane is None else plane.expand(light.shape) for plane in pattern)
-        bare = Frames(
+        bare = ReadoutFields(
             camera, law, white_e, dark_e, seeds[of], options.quantised, gain=gain, offset_e=offset_e
         )
         drawn: dict[str, Any] = {}
@@ -143,14 +143,14 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
     return out
 
 
-def _through(some: Iterable[SensorStage], signal: Tensor, at: Frames) -> Tensor:
+def _through(some: Iterable[SensorStage], signal: Tensor, at: ReadoutFields) -> Tensor:
     """The signal after all stages: the reference."""
     for stage in some:
         signal = stage.apply(signal, at)
     return signal
 
 
-def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: Frames) -> Tensor:
+def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: ReadoutFields) -> Tensor:
     """``_through`` by pieces that stay cached through stages of the linear model and share a plane of memory."""
     batch, colours, height, width = signal.shape
     step = max(1, _PIECE // (colours * width))
@@ -170,11 +170,14 @@ def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: Frames) -> Ten
 
 
 def _write_pieces(
-    some: Sequence[SensorStage], signal: Tensor, pieces: Sequence[tuple[int, slice, Frames]], out: Tensor
+    some: Sequence[SensorStage],
+    signal: Tensor,
+    pieces: Sequence[tuple[int, slice, ReadoutFields]],
+    out: Tensor,
 ) -> Tensor:
     written = out.numpy()
 
-    def write(piece: tuple[int, slice, Frames]) -> None:
+    def write(piece: tuple[int, slice, ReadoutFields]) -> None:
         item, rows, at = piece
         written[item, :, rows] = _through(some, signal[item : item + 1, :, rows], at).numpy()
 
@@ -182,7 +185,7 @@ def _write_pieces(
     return out
 
 
-def _draws_read_noise(at: Frames, light: Tensor, known: bool) -> bool:
+def _draws_read_noise(at: ReadoutFields, light: Tensor, known: bool) -> bool:
     """Whether read noise needs a field apart; merged, only for wells that may be full, which own stages may fill."""
     if at.law != "merged":
         return at.law != "none" and at.camera.sensor.read_noise_e > 0
@@ -221,7 +224,7 @@ def supports(active: Sequence[SensorStage]) -> bool:
     return list(active) == own and stages.PHOTON_TRANSFER not in active
 
 
-def write_frames(scene: Tensor, at: Frames, out: Tensor, tones: Tensor | None, threads: int) -> None:
+def write_frames(scene: Tensor, at: ReadoutFields, out: Tensor, tones: Tensor | None, threads: int) -> None:
     """Write the digital numbers (L, C, H, W) of light (1, C, H, W) under L lights, or what ``tones`` has for them.
 
     at: means of each light, and the fields of one frame, which all share. Several lights go with the laws "none" and
@@ -257,7 +260,7 @@ def _flat(field: Tensor) -> Plane:
 
 
 def _write_piece(
-    light: Plane, fields: Sequence[Plane | None], at: Frames, out: Plane, table: Plane | None
+    light: Plane, fields: Sequence[Plane | None], at: ReadoutFields, out: Plane, table: Plane | None
 ) -> None:
     """Write the frames ``out`` (L, C, n) of light (C, n); fields: normal, read, gain and offset_e."""
     (normal, read, gain, offset_e), camera, law = fields, at.camera, at.law

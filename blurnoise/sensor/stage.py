@@ -10,7 +10,7 @@ from typing import Any, Literal
 from torch import Tensor
 
 from blurnoise.camera import Camera
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`.stages.noisy_electrons`."""
@@ -20,7 +20,7 @@ made of one normal draw; as Poisson counts."""
 
 
 @dataclass(frozen=True)
-class Frames:
+class ReadoutFields:
     """Frames (B, C, H, W) being read out: means per frame (B, 1, 1, 1), and the fields (B, C, H, W) drawn for them.
 
     white_e, dark_e: mean electrons of light 1 and of the dark. seeds: of the noise, one for each frame. normal, read:
@@ -40,7 +40,7 @@ class Frames:
     offset_e: Tensor | None = None
     shared: Mapping[str, Tensor] = field(default_factory=dict)
 
-    def part(self, item: int, rows: slice) -> Frames:
+    def part(self, item: int, rows: slice) -> ReadoutFields:
         """Some rows of one frame."""
         of, fields = slice(item, item + 1), ("normal", "read", "gain", "offset_e")
         own: dict[str, Any] = {
@@ -71,14 +71,14 @@ class SensorStage(ABC):
     modelled: str = "element by element"
 
     @abstractmethod
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         """Return the signal after the stage; differentiable, on any device."""
 
-    def bound_dn(self, at: Conditions[float]) -> float | None:
+    def bound_dn(self, at: Resolved[float]) -> float | None:
         """Largest contribution in a white picture, DN RMS; None if undefined."""
         return None
 
-    def dither_dn(self, at: Conditions[float]) -> float:
+    def dither_dn(self, at: Resolved[float]) -> float:
         """Smallest normal noise, DN RMS, that the stage adds to every pixel at any light; it dithers rounding."""
         return 0.0
 
@@ -87,7 +87,7 @@ class SensorStage(ABC):
         return self.modelled
 
 
-def signal_bound_e(at: Conditions[float]) -> float:
+def signal_bound_e(at: Resolved[float]) -> float:
     """Electrons of white, but not beyond twice saturation: noise past the clip does not show."""
     return min(at.white_e, 2 * at.camera.sensor.saturation_e)
 

@@ -20,8 +20,14 @@ from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.camera.sensor import DSNU as DSNU_FIGURES
 from blurnoise.camera.sensor import PRNU as PRNU_FIGURES
 from blurnoise.camera.spectra import Curve, Spectrum
-from blurnoise.light.conditions import Conditions
-from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, SensorStage, signal_bound_e, within_range_dn
+from blurnoise.light.resolved import Resolved
+from blurnoise.sensor.stage import (
+    MERGE_READ_NOISE_E,
+    ReadoutFields,
+    SensorStage,
+    signal_bound_e,
+    within_range_dn,
+)
 
 
 class SpectralIntegration(SensorStage):
@@ -30,10 +36,10 @@ class SpectralIntegration(SensorStage):
     name = "spectral integration"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return (signal * at.white_e).clamp(min=0.0)
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, _flat_curve_error(at.camera, at.illuminant) * at.white_e)
 
     def how(self, camera: Camera, noisy: bool) -> str:
@@ -49,10 +55,10 @@ class Prnu(SensorStage):
     figures = PRNU_FIGURES
     spreads = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal if at.gain is None else (signal * at.gain).clamp(min=0.0)
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, at.camera.sensor.prnu_total * signal_bound_e(at))
 
 
@@ -64,10 +70,10 @@ class DarkCurrent(SensorStage):
     figures = ("dark_current_e_s",)
     spreads = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal + at.dark_e
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, math.hypot(at.dark_e, math.sqrt(at.dark_e)))
 
 
@@ -79,10 +85,10 @@ class PhotonTransfer(SensorStage):
     figures = ("photon_transfer",)
     modelled = "in the draw of shot noise"
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         most_e, camera = signal_bound_e(at) + at.dark_e, at.camera
         places_e = [share * camera.sensor.saturation_e for share, _ in camera.sensor.photon_transfer]
         reached = [camera.sensor.variance_factor(min(place_e, most_e)) for place_e in (*places_e, most_e)]
@@ -99,7 +105,7 @@ class ShotNoise(SensorStage):
     name = "shot noise"
     draws = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         camera, bend = at.camera, variance_factor(signal, at.camera)
         if at.law == "exact":
             counts = rng.poisson(signal, at.seeds)
@@ -118,7 +124,7 @@ class ShotNoise(SensorStage):
             counts = rng.poisson_of_normal(signal, at.normal)
         return counts if bend is None else signal + bend.sqrt() * (counts - signal)
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, math.sqrt(signal_bound_e(at) + at.dark_e))
 
     def how(self, camera: Camera, noisy: bool) -> str:
@@ -133,7 +139,7 @@ class FullWell(SensorStage):
     name = "full well"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal if at.law == "merged" else signal.clamp(max=at.camera.sensor.well_limit_e)
 
 
@@ -144,15 +150,15 @@ class ReadNoise(SensorStage):
     draws = True
     figures = ("read_noise_e",)
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         if at.read is None or at.law == "merged":
             return signal
         return signal + at.camera.sensor.read_noise_e * at.read
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, at.camera.sensor.read_noise_e)
 
-    def dither_dn(self, at: Conditions[float]) -> float:
+    def dither_dn(self, at: Resolved[float]) -> float:
         return at.camera.sensor.system_gain_dn_per_e * at.camera.sensor.read_noise_e
 
     def how(self, camera: Camera, noisy: bool) -> str:
@@ -187,11 +193,11 @@ class SharedNoise(SensorStage):
         unit = camera.sensor.system_gain_dn_per_e if figure.endswith("_dn") else 1.0
         return float(camera.figure(figure)) / unit
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         values = at.shared.get(self.name)
         return signal if values is None else signal + self.size_e(at.camera) * values
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, self.size_e(at.camera))
 
 
@@ -203,10 +209,10 @@ class Dsnu(SensorStage):
     figures = DSNU_FIGURES
     spreads = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal if at.offset_e is None else signal + at.offset_e
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return within_range_dn(at.camera, at.camera.sensor.dsnu_total_e)
 
 
@@ -216,7 +222,7 @@ class Gain(SensorStage):
     name = "gain"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal * at.camera.sensor.system_gain_dn_per_e + at.camera.sensor.black_level_dn
 
 
@@ -227,10 +233,10 @@ class Quantisation(SensorStage):
     modelled = "rounding: the result is digital numbers"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal + (torch.round(signal) - signal).detach() if at.quantised else signal
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at: Resolved[float]) -> float:
         return 1 / math.sqrt(12)
 
 
@@ -240,7 +246,7 @@ class Limits(SensorStage):
     name = "limits"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal.clamp(0.0, at.camera.sensor.full_scale_dn)
 
 
@@ -313,7 +319,7 @@ def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
     return found.clamp(min=1e-6)  # for the derivative of its root
 
 
-def offsets_e(at: Frames) -> Tensor | None:
+def offsets_e(at: ReadoutFields) -> Tensor | None:
     """All offsets behind the full well together, electrons: DSNU and the noise that pixels share; None: none."""
     shared = [
         each.size_e(at.camera) * at.shared[each.name] for each in SHARED_NOISES if each.name in at.shared

@@ -26,15 +26,15 @@ from blurnoise._core.checks import (
 from blurnoise._core.threads import same_bits
 from blurnoise.camera import Camera
 from blurnoise.camera.colour import PictureTone
-from blurnoise.light.flicker import Flicker, Pwm
+from blurnoise.light.lamp import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory, per_picture
 from blurnoise.picture.develop import in_channels
-from blurnoise.scene import hdr
 from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
-from blurnoise.scene.exposure import MOVES
+from blurnoise.scene.exposure import MOVES, Exposure
 from blurnoise.scene.metering import AutoExposure, mean_luma
-from blurnoise.scene.scene import ExposedScene, extremes, scene_reflectance
+from blurnoise.scene.scene import Scene, extremes, scene_reflectance
+from blurnoise.scene.take import TakeOptions, take
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.training.labels import for_each, velocity_px_s
 from blurnoise.training.ranges import Cameras, Lights, cameras_of, check_vehicle
@@ -85,7 +85,7 @@ def expose_pictures(
     The motion of each pixel follows from the camera's focal length and the picture's size. With masks and
     moves = "background" the targets drive along. If one blur is accurate enough for the whole picture, one is used.
 
-    The captures of an HDR camera are taken one after the other and fused (:func:`blurnoise.scene.hdr.pictures`);
+    The captures of an HDR camera are taken one after the other and fused (:mod:`blurnoise.picture.fusion`);
     exposure_s is that of the first. lamp: a pulsed lamp for all pictures, or a lamp or None for each. lamp_lights:
     the lamp lights "all", or the "targets" of pictures with masks.
 
@@ -108,7 +108,7 @@ def expose_pictures(
     if ego is not None and (bool(speed.detach().any()) or "targets" in names):
         raise ValueError("ego_kmh: needs speed_px_s = 0 and moves = 'all' or 'background'")
     still = speed == 0 if ego is None else (ego == 0) & (not vehicle.turns)
-    exposure = limited_per_image("exposure_s", exposure_s, batch, scene)
+    exposure_s = limited_per_image("exposure_s", exposure_s, batch, scene)
     lux = limited_per_image("illuminance_lux", illuminance_lux, batch, scene)
     temperature = limited_per_image("temperature_c", temperature_c, batch, scene)
     velocity = velocity_px_s(speed, direction)
@@ -123,36 +123,42 @@ def expose_pictures(
             if matte is not None:
                 light = scene_reflectance(scene[item : item + 1], encoding)
                 own = velocity[item] * (names[item] == "targets")
-                cuts[item] = in_motion(light, matte, own, float(exposure[item].detach()))
+                cuts[item] = in_motion(light, matte, own, float(exposure_s[item].detach()))
 
-    lamps = _flickers(lamp, lamp_lights, masks, batch)
+    lamps, lamp_mask = _lamps(lamp, lamp_lights, masks, batch)
+    linear = isinstance(encoding, str) and encoding == "linear"
+    options = TakeOptions(fidelity=fidelity, encoding="linear" if linear else "srgb")
 
     def pictures(camera: Camera, gain: float, items: list[int]) -> Tensor:  # all with objects, or none
         own = [cuts[item] for item in items if item in cuts]
         of: Any = slice(None) if len(items) == batch else items  # without a copy of all
         moved = velocity[of]
-        if ego is not None:
-            moved = vehicle.flow_px_s(camera, size, ego[of] / 3.6)
-        elif own:
+        if own:
             moved = moved * moved.new_tensor([[names[item] == "background"] for item in items])
         light = torch.cat([cut.background for cut in own]) if own else scene_reflectance(scene[of], encoding)
-        developed = hdr.pictures(
-            ExposedScene(light, fidelity=fidelity, layers=[cut.layers for cut in own]),
-            camera,
-            exposure_s=exposure[of],
-            illuminance_lux=lux[of],
-            gain_db=gain,
-            velocity_px_s=moved,
-            trajectory=[paths[item] for item in items] if paths else None,
-            temperature_c=temperature[of],
-            generator=[seeds[item] for item in items],
-            flicker=[lamps[item] for item in items] if lamps else None,
-            encoding="linear" if encoding == "linear" else "srgb",
+        exposed = Scene(
+            light,
+            layers=[cut.layers for cut in own],
+            lamp_mask=None if lamp_mask is None else lamp_mask[of],
         )
-        return in_channels(developed, scene.shape[1]).to(image.dtype)
+        exposure = Exposure(
+            camera,
+            exposure_s[of],
+            lux[of],
+            velocity_px_s=(0.0, 0.0) if ego is not None else moved,
+            temperature_c=temperature[of],
+            gain_db=gain,
+            seed=[seeds[item] for item in items],
+            trajectory=[paths[item] for item in items] if paths else None,
+            ego_speed_m_s=0.0 if ego is None else ego[of] / 3.6,
+            vehicle=vehicle,
+            lamp=[lamps[item] for item in items] if lamps else None,
+        )
+        picture = take(exposed, exposure, options).picture
+        return in_channels(picture, scene.shape[1]).to(image.dtype)
 
     taken_by: dict[tuple[Camera, float, bool], list[int]] = {}
-    for item, gain in enumerate(_gains_db(gain_db, scene, encoding, cameras, (exposure, lux, temperature))):
+    for item, gain in enumerate(_gains_db(gain_db, scene, encoding, cameras, (exposure_s, lux, temperature))):
         taken_by.setdefault((cameras[item], gain, item in cuts), []).append(item)
     parts = [pictures(taker, gain, items) for (taker, gain, _), items in taken_by.items()]
     if len(parts) == 1:
@@ -194,20 +200,20 @@ def _gains_db(
     return found
 
 
-def _flickers(
+def _lamps(
     lamp: Pwm | Sequence[Pwm | None] | None, lights: Lights, masks: Tensor | None, batch: int
-) -> list[Flicker | None]:
-    """Each picture's lamp where it lights; None for a lamp of targets where there are none; [] without lamps."""
+) -> tuple[list[Pwm | None], Tensor | None]:
+    """Each picture's lamp, [] without, and the pixels that it lights; no lamp of targets where there are none."""
     one_of("lamp_lights", lights, ("all", "targets"))
-    each = [] if lamp is None else for_each("lamp", [lamp] if isinstance(lamp, Pwm) else lamp, batch)
-    found: list[Flicker | None] = []
-    for item, own in enumerate(each):
+    lamps = [] if lamp is None else for_each("lamp", [lamp] if isinstance(lamp, Pwm) else lamp, batch)
+    for own in lamps:
         if own is not None:
             an_instance("lamp", own, Pwm)
-        dark = lights == "targets" and (masks is None or not masks.shape[1])
-        mask = None if lights == "all" or masks is None else masks[item].amax(0).float()
-        found.append(None if own is None or dark else Flicker(own, mask))
-    return found
+    if lights == "all":
+        return lamps, None
+    if masks is None or not masks.shape[1]:
+        return [], None
+    return lamps, masks.amax(1).float() if lamps else None
 
 
 def _clamped(image: Tensor) -> Tensor:

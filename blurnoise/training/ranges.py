@@ -25,11 +25,11 @@ from blurnoise._core.checks import DRAWN_FROM, LIMITS, an_instance, dense, limit
 from blurnoise.camera import Camera
 from blurnoise.camera.captures import windows
 from blurnoise.camera.radiometry import electrons_per_lux_s
-from blurnoise.light.flicker import Pwm
+from blurnoise.light.lamp import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import LONGEST_SHAKE, Trajectory, path_duration_s, shake
+from blurnoise.picture.fusion import amplified, readers
 from blurnoise.scene.exposure import MOVES, Moves
-from blurnoise.scene.hdr import amplified, saturations_e
 from blurnoise.scene.metering import AutoExposure
 
 Range = float | Sequence[float]
@@ -132,7 +132,7 @@ class ExposureRanges(Draws):
     road on ``vehicle``. The flow follows from its focal length and the picture's size; the picture is the camera's
     whole field of view. Masks mark targets that drive along: moves must be "all" or "background".
 
-    lamp_hz, lamp_duty, uniform: frequency and duty cycle of a pulsed LED lamp (:class:`blurnoise.light.flicker.Pwm`);
+    lamp_hz, lamp_duty, uniform: frequency and duty cycle of a pulsed LED lamp (:class:`blurnoise.light.lamp.Pwm`);
     each picture begins at a random phase. None: no lamp. lamp_lights: "all", or the "targets" of pictures with masks:
     then the targets are the lamps, and dark in exposures that fall between pulses.
 
@@ -332,8 +332,7 @@ def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, floa
 
 def check_captures(camera: Camera, gain_db: float) -> None:
     """Raise ``ValueError`` for a gain that the camera lacks, or at which a capture reaches less far than the last."""
-    captures, _ = amplified(camera, gain_db)
-    saturations_e(camera, captures)
+    readers(amplified(camera, gain_db).camera)
 
 
 def check_vehicle(vehicle: Vehicle, *, drives: bool) -> None:

@@ -39,6 +39,11 @@ class Shown(NamedTuple):
 
 GALLERY = {
     "Light": (
+        Shown("pulsed lamp", "LEDs of 90 Hz, lit a tenth of the time: 5 ms have missed them",
+              "--lux 200 --exposure-ms 5",
+              settings="emitters: lamps.pgm:8\npwm: 90,0.1,0.5\npwm_mask: lamps.pgm"),
+        Shown("motion between captures", "three captures of a moving scene: ghosts",
+              "--lux 1000 --dx 1500 --hdr 16,256"),
         Shown("distortion", "barrel distortion of a wide lens", "--lux 200",
               "hfov_deg: 90\nlens: {distortion: {model: opencv, coefficients: [-0.35, 0.08, 0, 0, 0]}}"),
         Shown("objects", "the sign moves 30 px, its background stands",
@@ -81,6 +86,7 @@ GALLERY = {
         Shown("limits", "four times the light that fills the converter", "--lux 1000"),
     ),
     "Picture": (
+        Shown("fusion", "the light of 'limits', two captures fused", "--lux 1000 --hdr 16"),
         Shown("black level", "an offset of a third of the range leaves less for light", "--lux 150",
               "black_level_dn: 1365"),
         Shown("white balance", "a Bayer camera under a light bulb, gains of daylight",
@@ -95,12 +101,8 @@ GALLERY = {
     "Beyond the tables": (
         Shown("shake", "held by hand, 12 px", "--lux 200 --trajectory shake:12"),
         Shown("vibration", "3 px at 80 Hz, up and down", "--lux 200 --trajectory sine:3,80,90"),
-        Shown("HDR", "the light of 'limits', two captures fused", "--lux 1000 --hdr 16"),
         Shown("lamps", "tail lamps eight times as bright as painted", "--lux 100",
               settings="emitters: lamps.pgm:8"),
-        Shown("flicker", "the same as LEDs of 90 Hz, lit a tenth of the time: 5 ms have missed them",
-              "--lux 200 --exposure-ms 5",
-              settings="emitters: lamps.pgm:8\npwm: 90,0.1,0.5\npwm_mask: lamps.pgm"),
     ),
 }  # fmt: skip
 MTF = b"frequency,mtf\n0,1\n0.05,0.78\n0.1,0.5\n0.2,0.2\n0.5,0.02\n"

@@ -9,7 +9,7 @@ from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import Image, Picture
 from blurnoise_eval.plan.axes import axis
 from blurnoise_eval.plan.conditions import Cell, Conditions
-from blurnoise_eval.run.exposing import Frame, Scene, frames
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 
 if TYPE_CHECKING:
     from blurnoise_eval.run.run import Run
@@ -41,4 +41,4 @@ def expose(
         return run.expose(run.scene(picture), cell, by)
     of = picture if isinstance(picture, Picture) else None
     image = picture.load() if isinstance(picture, Picture) else picture
-    return next(frames(Scene(image, picture=of), [cell], by))
+    return next(frames(PictureScene(image, picture=of), [cell], by))

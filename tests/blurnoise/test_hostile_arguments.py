@@ -16,7 +16,6 @@ import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
 from blurnoise.camera.captures import staggered
 from blurnoise.metrics import information, patches, slanted_edge
-from blurnoise.scene.hdr import captured, pictures
 from blurnoise.training.pictures import expose_pictures
 
 CAMERA = Camera.preset("imx250")
@@ -37,7 +36,18 @@ DIRECTED = {
     "encoding": "srgb",
     "fidelity": "auto",
 }
-SCENE = {"border": "reflect", "illuminant": "D55", "pattern_seed": 0, "fidelity": "auto", "tolerance_dn": 0.1}
+SCENE = {"border": "reflect", "illuminant": "D55"}
+BATCH = {
+    "exposure_s": torch.full((2,), 0.01),
+    "illuminance_lux": torch.full((2,), 10.0),
+    "temperature_c": 25.0,
+}
+OPTIONS = {"pattern_seed": 0, "fidelity": "auto", "tolerance_dn": 0.1}
+FIGURES = {
+    name: value
+    for name, value in CAMERA.to_dict().items()
+    if name not in ("sources", "quantum_efficiency", "lens")
+}
 
 ROLLS = blurnoise.Exposure(Camera.preset("ar0237"), 0.01, 10.0, (90.0, 20.0))
 BOXES = torch.tensor([[3.0, 4.0, 9.0, 20.0]])
@@ -63,6 +73,12 @@ def fixed_pattern(shape):
     return CAMERA.sensor.fixed_pattern(shape, 0)
 
 
+def exposed(**values):
+    """Pictures of a batch by a camera of two captures."""
+    several = CAMERA.with_figures(captures=staggered(4.0))
+    return blurnoise.take(blurnoise.Scene(PICTURES), blurnoise.Exposure(several, **values)).picture
+
+
 CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.Camera, {entry.name: getattr(CAMERA, entry.name) for entry in fields(CAMERA)}),
     *((type(record), vars(record)) for record in (CAMERA.lens, CAMERA.sensor, CAMERA.isp)),
@@ -74,7 +90,8 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.Exposure, {**LIT, "velocity_px_s": (0.0, 0.0), "temperature_c": 25.0, "gain_db": 0.0, "seed": 0}),
     (blurnoise.Optics, dict.fromkeys(("defocus_radius_px", "gaussian_sigma_px", "diffraction_lambda_n_px"), 1.0)),
     (blurnoise.RandomExposure, {**LIT, **DIRECTED, "p": 0.5}),
-    (blurnoise.ExposedScene, {"light": PICTURES, **SCENE}),
+    (blurnoise.Scene, {"light": PICTURES, **SCENE}),
+    (blurnoise.TakeOptions, {**OPTIONS, "noise": True, "quantised": True, "white": 1.0}),
     (blurnoise.Trajectory, {"time_s": (0.0, 1.0), "x_px": (0.0, 1.0), "y_px": (0.0, 1.0)}),
     (blurnoise.blur_pixels, {**ROAD, "exposure_s": 0.01, "lens": "f-theta"}),
     (blurnoise.velocity_px_s, {**ROAD, "lens": "rectilinear"}),
@@ -85,9 +102,13 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.plan, {**LIT, **NATURE, "displacement_px": (0.0, 0.0), "objects": (), "size": (24, 31)}),
     (ROLLS.move_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),
     (ROLLS.sweep_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),
-    (captured, {"scene": PICTURES, **LIT, "captures": staggered(4.0), "velocity_px_s": (9.0, 0.0)}),
-    (pictures, {"scene": PICTURES, **LIT, "gain_db": 0.0, "white": 1.0, "velocity_px_s": (9, 0), "flicker": None}),
-    (blurnoise.simulate, {"image": PICTURES, **LIT, **NATURE, **SCENE, "velocity_px_s": (0, 0), "generator": [1, 2]}),
+    (blurnoise.take, {"scene": blurnoise.Scene(PICTURES[:1]), "exposure": blurnoise.Exposure(**LIT),
+                      "options": blurnoise.TakeOptions()}),
+    (blurnoise.take_each, {"scene": blurnoise.Scene(PICTURES[:1]), "exposures": [blurnoise.Exposure(**LIT)],
+                           "options": blurnoise.TakeOptions()}),
+    (exposed, {**BATCH, "velocity_px_s": (9.0, 0.0), "gain_db": 0.0, "seed": [1, 2], "lamp": None}),
+    (blurnoise.simulate, {"image": PICTURES, **LIT, **NATURE, **SCENE, **OPTIONS, "velocity_px_s": (0, 0),
+                          "generator": [1, 2]}),
     (AutoExposure, METERED),
     (blurnoise.Capture, {"exposure_ratio": 4.0, "gain_db": 6.0}),
     (blurnoise.Pwm, {"frequency_hz": 90.0, "duty": 0.1, "phase": 0.5}),
@@ -156,7 +177,7 @@ HOSTILE: Mapping[str, Any] = {
 
 def test_every_public_function_is_here():
     called = {function for function, _ in CALLS}
-    assert {getattr(blurnoise, name) for name in blurnoise.__all__} <= called
+    assert {getattr(blurnoise, name) for name in blurnoise.__all__} - {blurnoise.Frames} <= called
     assert {getattr(metrics, name) for name in metrics.__all__} - {
         metrics.Flag,
         metrics.SlantedEdge,

@@ -10,9 +10,9 @@ from stage_moments import Moments
 
 from blurnoise import Camera
 from blurnoise._core import rng
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 from blurnoise.sensor import stages
-from blurnoise.sensor.stage import Frames
+from blurnoise.sensor.stage import ReadoutFields
 
 BASE = Camera.preset("imx250").with_figures(
     name="bench",
@@ -47,7 +47,7 @@ def check(dn, law):
 def expected(camera, mean_photons):
     """After rounding: var_y = K^2 (read^2 + dark + photo) + 1/12 DN^2 (EMVA 1288 eq. 13)."""
     one = torch.ones(1, dtype=torch.float64)
-    at = Conditions(camera, one * 0.1, one * 36.0, white_e=one * mean_photons * 0.5)
+    at = Resolved(camera, one * 0.1, one * 36.0, white_e=one * mean_photons * 0.5)
     moments = Moments(one, 0 * one, 0 * one)
     for stage in stages.STAGES:
         moments = stage_moments.after(stage, moments, at)
@@ -83,10 +83,12 @@ def test_every_stage_does_what_its_moments_say(mean_photo_e, law):
     like = torch.empty(shape, dtype=torch.float64)
     names = ("normal", "read", "prnu", "dsnu")
     fields = {name: rng.standard_normal([seed], like, name) for seed, name in enumerate(names)}
-    point = Conditions(BASE, one * 0.1, one * 36.0, white_e=one * mean_photo_e)
+    point = Resolved(BASE, one * 0.1, one * 36.0, white_e=one * mean_photo_e)
     gain, offset_e = 1 + BASE.sensor.prnu * fields["prnu"], BASE.sensor.dsnu_e * fields["dsnu"]
     noises = {name: fields[name] for name in NOISES[law]}
-    at = Frames(BASE, law, one * mean_photo_e, point.dark_e, [7], gain=gain, offset_e=offset_e, **noises)
+    at = ReadoutFields(
+        BASE, law, one * mean_photo_e, point.dark_e, [7], gain=gain, offset_e=offset_e, **noises
+    )
     signal, moments = torch.ones(shape, dtype=torch.float64), Moments(one, 0 * one, 0 * one)
     for stage in stages.STAGES:
         moments, signal = stage_moments.after(stage, moments, point), stage.apply(signal, at)

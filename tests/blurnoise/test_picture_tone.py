@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from blurnoise import Camera, ExposedScene, RandomExposure, simulate
+from blurnoise import Camera, RandomExposure, Scene, simulate
 from blurnoise.camera.colour import toned, untoned
 
 LIGHT = np.linspace(0.0, 1.0, 201)
@@ -38,7 +38,7 @@ def test_a_pictures_light_is_that_of_its_curve(name, coded):
     values = torch.from_numpy(coded(LIGHT))
     assert np.abs(untoned(values, name).numpy() - LIGHT).max() < 1e-7
     picture = np.rint(255 * coded(LIGHT)).astype(np.uint8).reshape(3, 67, 1).repeat(3, 2)
-    seen = ExposedScene.of_picture(picture, encoding=name).light[0, 0].flatten().numpy()
+    seen = Scene.of_picture(picture, encoding=name).light[0, 0].flatten().numpy()
     assert np.abs(coded(seen) - coded(LIGHT)).max() < 0.51 / 255
     given: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 60.0, "noise": False, "quantised": False}
     camera = Camera.preset("imx250")

@@ -8,7 +8,7 @@ import torch
 from kornia.augmentation import AugmentationSequential
 from made_up import ColumnNoise, Pedestal, Shift, Veil
 
-from blurnoise import Camera, ExposedScene, Exposure, RandomExposure, photoelectrons, plan, simulate
+from blurnoise import Camera, Exposure, RandomExposure, Scene, photoelectrons, plan, simulate, take_each
 from blurnoise._core import threads
 from blurnoise.camera.sensor import DARK_NOISE
 from blurnoise.light import effects
@@ -113,14 +113,13 @@ def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch):
     at = [Exposure(CAMERA, 0.004, lux, (900.0, -300.0), seed=5) for lux in (20.0, 60.0)]
     at.append(Exposure(CAMERA.with_figures(f_number=4.0), 0.004, 60.0, (900.0, -300.0), 45.0, 6.0, seed=6))
     at.append(replace(at[-1], gain_db=27.0))  # 24 dB of it analogue
-    for exposure, frame in zip(at, ExposedScene.of_picture(coded).frames(at), strict=True):
+    for exposure, frame in zip(at, take_each(Scene.of_picture(coded), at), strict=True):
         camera, digital_db = exposure.camera.at_gain(exposure.gain_db)
         names = ("exposure_s", "illuminance_lux", "velocity_px_s", "temperature_c")
         given = {name: getattr(exposure, name) for name in names} | {"generator": [exposure.seed]}
         light = torch.from_numpy(coded).permute(2, 0, 1)[None] / 255
         dn = simulate(light, camera, **given, tolerance_dn=0.1 / 10 ** (digital_db / 20))
-        expected = develop_8bit(dn, camera, digital_db)[0].permute(1, 2, 0)
-        assert torch.equal(torch.from_numpy(frame.picture), expected)
+        assert torch.equal(frame.eight_bit, develop_8bit(dn, camera, digital_db))
         moved = exposure.move_boxes(torch.tensor([[1.0, 2.0, 3.0, 4.0]]))
         assert moved.tolist() == [[21.0, 12.0, 23.0, 14.0]]
 

@@ -11,7 +11,7 @@ from brute_force import photograph
 
 from blurnoise import Camera, Layer, Trajectory
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 
 HEIGHT, WIDTH, EXPOSURE_S, ROW_S = 108, 144, 0.01, 1.5e-4
 VELOCITY_PX_S = (700.0, -400.0)
@@ -124,7 +124,7 @@ def exposed(of, light, flow=None):
         row_s = of.row_s * camera.field.per_sensor_px((HEIGHT, WIDTH))
         camera = camera.with_figures(row_time_s=row_s, shutter="global-reset" if of.reset else "rolling")
     by_pixel = of.flow() if flow is None else flow
-    at = Conditions.of(
+    at = Resolved.of(
         light,
         camera,
         exposure_s=EXPOSURE_S,

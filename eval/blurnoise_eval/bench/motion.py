@@ -23,7 +23,7 @@ from blurnoise.camera.colour import linear_from_srgb, srgb_from_linear
 from blurnoise.camera.lens import Lens
 from blurnoise.camera.sensor import Sensor
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import shake
 from blurnoise_eval.bench.contest import Case, Contender, Contest
@@ -142,7 +142,7 @@ def _ours(**moving: Any) -> Contender:
     shown = picture()
 
     def call() -> Tensor:
-        at = Conditions.of(shown, _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
+        at = Resolved.of(shown, _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
         return effects.through(shown, at)
 
     return Contender("blurnoise", call, True)

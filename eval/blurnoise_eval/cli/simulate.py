@@ -52,27 +52,42 @@ def simulate(
     """
     from dataclasses import asdict
 
-    from blurnoise_eval.datasets import picture_doubts, write_picture
+    from blurnoise import TakeOptions, take
+    from blurnoise.scene.take import plan_of
+    from blurnoise_eval.datasets import Image, picture_doubts, write_picture
     from blurnoise_eval.default_camera import camera_text, is_grey_light
-    from blurnoise_eval.simulation.light import light
-    from blurnoise_eval.simulation.taking import take
+    from blurnoise_eval.plan.conditions import reflectance_text
+    from blurnoise_eval.simulation.figures import figures
+    from blurnoise_eval.simulation.scene_file import light_of, opened
 
     config.at()
-    scene = light(image, config)
-    colour = not is_grey_light(scene)
-    taken = take(config, inputs.camera(config.camera, config.cfa, colour=colour), scene)
-    for place, picture in enumerate(taken.pictures, 1):
-        suffix = "" if place == 1 else f"_{place}"
+    light = light_of(image, config)
+    colour, native = not is_grey_light(light), config.bit_depth == "native"
+    scene, exposure, cut = opened(config, light, inputs.camera(config.camera, config.cfa, colour=colour))
+    options = TakeOptions(
+        wanted=("raw",) if native else ("raw", "8 bit"),
+        fidelity=config.fidelity,
+        tolerance_dn=config.tolerance_dn,
+        white=config.hdr_white,
+    )
+    frames = take(scene, exposure, options)
+    pictures: list[Image] = [*frames.native_images()] if native else [*frames.images()]
+    for number, picture in enumerate(pictures, 1):
+        suffix = "" if number == 1 else f"_{number}"
         write_picture(output.with_name(f"{output.stem}{suffix}{output.suffix}"), picture)
-    facts = {"output": str(output), **taken.figures}
-    if explain and as_json:
-        facts["stages"] = [asdict(stage) for stage in taken.plan.stages]
+    facts = {"output": str(output), **figures(scene, exposure, frames.raw[0], cut)}
+    if config.grey_anchor is not None or config.emitters is not None or config.picture_tone == "linear":
+        facts["above_white_percent"] = 100 * float((light.amax(1) > 1).double().mean())
+    facts["reflectance"] = reflectance_text(config.grey_anchor, "--grey-anchor")
+    plan = plan_of(scene, exposure, options) if explain else None
+    if plan and as_json:
+        facts["stages"] = [asdict(stage) for stage in plan.stages]
     print_facts(facts, as_json)
     doubts = picture_doubts(image.parent, [image.name])
+    camera = exposure.camera
     for about in filter(
-        None,
-        [camera_text(taken.camera, colour=colour), inputs.about_lux(config.camera, taken.camera), *doubts],
+        None, [camera_text(camera, colour=colour), inputs.about_lux(config.camera, camera), *doubts]
     ):
         say_wrapped(about, hanging=2, error=True)
-    if explain and not as_json:
-        print_stages(taken.plan, config.fidelity)
+    if plan and not as_json:
+        print_stages(plan, config.fidelity)

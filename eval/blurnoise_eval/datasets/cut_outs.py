@@ -21,7 +21,8 @@ from blurnoise._core.borders import Window, placed
 from blurnoise.blur.layers import Layer, flattened, meeting, seen_behind
 from blurnoise.scene import cutting
 from blurnoise.scene.cutting import Cut, Matte
-from blurnoise.scene.scene import ExposedScene, Exposure
+from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.scene import Scene
 from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target
 from blurnoise_eval.plan.objects import Objects
@@ -142,53 +143,47 @@ def _matte(target: Target, size: tuple[int, int]) -> Matte:
     return segmentation.of_box(x0, y0, x1 - x0, y1 - y0, size)
 
 
-class CutScene(ExposedScene):
-    """A picture, its objects cut out, so that either may move without the other, as ``Exposure.moves`` says.
+class CutScene:
+    """A picture with its targets cut out, so that either may move without the other, as ``Exposure.moves`` says.
 
-    speeds: one for each layer of the cut, by default 1: a multiple of the exposure's velocity. Where the camera
-    tracks objects of speed 1, one of speed s is left with 1 - s, so that one that stands moves with the background.
+    scene: the background, and before it the targets as layers that move at a speed. speeds: one for each layer of the
+    cut, by default 1: a multiple of the exposure's velocity. Where the camera tracks targets of speed 1, one of speed
+    s is left with 1 - s, so that one that stands moves with the background.
     """
 
-    def __init__(self, cut: Cut, speeds: Sequence[float] | None = None) -> None:
+    def __init__(
+        self, cut: Cut, speeds: Sequence[float] | None = None, lamp_mask: Tensor | None = None
+    ) -> None:
         factors = (1.0,) * len(cut.layers) if speeds is None else speeds
         self._cut = cut
-        self._objects = list(zip(cut.layers, factors, strict=True))
-        self._joined: list[tuple[Layer, float]] = []  # those that move alike and are near each other as one
-        for speed, alike in groupby(self._objects, key=lambda pair: pair[1]):
-            layers = [layer for layer, _ in alike]
-            near = meeting([layer.window.grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in layers])
-            self._joined += [(flattened([layers[place] for place in places]), speed) for _, places in near]
-        super().__init__(cut.background, layers=tuple(layer for layer, _ in self._joined))
+        self._targets = [replace(layer, speed=by) for layer, by in zip(cut.layers, factors, strict=True)]
+        self._joined: list[Layer] = []  # those that move alike and are near each other as one
+        for speed, group in groupby(self._targets, key=lambda layer: layer.speed):
+            alike = list(group)
+            near = meeting([layer.window.grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in alike])
+            together = (flattened([alike[index] for index in indices]) for _, indices in near)
+            self._joined += [replace(layer, speed=speed) for layer in together]
+        self.scene = Scene(cut.background, layers=tuple(self._joined), lamp_mask=lamp_mask)
         self._shares: dict[tuple[float, ...], tuple[float, ...]] = {}
 
-    def motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
-        """Velocity of the background and the layers, each with its own."""
-        velocity, _ = super().motions(replace(exposure, moves="all"))
-        objects = tuple(
-            replace(layer, velocity_px_s=exposure.of_targets(speed).velocity_px_s)
-            for layer, speed in self._joined
-        )
-        return (0.0, 0.0) if exposure.moves == "targets" else velocity, objects
-
     def invented(self, exposure: Exposure) -> tuple[float, ...]:
-        """Of each object: how much of what it hides at mid-exposure is seen in the course of it, as a share, where
-        that had to be invented; 0 where it is known.
+        """Per target: the share of the background hidden at mid-exposure that becomes visible and was filled in.
 
-        It depends on the object's motion relative to its background, whichever of the two moves.
+        It depends on the target's motion relative to its background, whichever of the two moves.
         """
         if exposure.moves == "all" or not self._cut.invented.any():
-            return (0.0,) * len(self._objects)
+            return (0.0,) * len(self._targets)
+        relative = replace(exposure, moves="targets")
 
-        def moved_px(speed: float) -> tuple[float, float]:
-            x, y = replace(exposure, moves="targets").of_targets(speed).velocity_px_s
-            return x * exposure.exposure_s, y * exposure.exposure_s
+        def moved_px(layer: Layer) -> tuple[float, float]:
+            x, y = relative.velocity_of(layer)
+            return float(x) * exposure.exposure_s, float(y) * exposure.exposure_s
 
         key = (*exposure.velocity_px_s, exposure.exposure_s)
         if key not in self._shares:
-            size = (self.light.shape[-2], self.light.shape[-1])
-            movers = [(layer, moved_px(speed)) for layer, speed in self._joined]
+            movers = [(layer, moved_px(layer)) for layer in self._joined]
             self._shares[key] = tuple(
-                seen_behind(layer, movers, size) if any(moved_px(speed)) else 0.0
-                for layer, speed in self._objects
+                seen_behind(layer, movers, self.scene.size) if any(moved_px(layer)) else 0.0
+                for layer in self._targets
             )
         return self._shares[key]

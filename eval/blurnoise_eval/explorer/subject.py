@@ -20,7 +20,7 @@ from torch.nn.functional import avg_pool2d
 from blurnoise.camera import Camera
 from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.camera.radiometry import photoelectrons
-from blurnoise.light.conditions import middle_of
+from blurnoise.light.resolved import middle_of
 from blurnoise.scene.exposure import Exposure
 from blurnoise_eval.answers.criterion import CONFIDENCE, KEPT, Criterion
 from blurnoise_eval.datasets import Picture
@@ -30,7 +30,7 @@ from blurnoise_eval.explorer.verdict import Point, Standard, mean_confidence
 from blurnoise_eval.plan.axes import EGO, EXPOSURE, MOVES, VELOCITY
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
-from blurnoise_eval.run.exposing import Frame, Scene, frames, snr_db
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames, snr_db
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
@@ -56,7 +56,7 @@ class Subject:
         self._name, self._run = picture.name, run
         criterion = run.criterion if run else _USUAL
         self._criterion = criterion if criterion.score == CONFIDENCE else _USUAL
-        self.scene = run.scene(picture) if run else Scene(picture.load(), picture=picture)
+        self.scene = run.scene(picture) if run else PictureScene(picture.load(), picture=picture)
         self.original = self.scene.image8
         self.size = self.original.shape[0], self.original.shape[1]
         self.smaller = math.ceil(math.sqrt(self.size[0] * self.size[1] / PREVIEW_PX))
@@ -74,11 +74,11 @@ class Subject:
         return next(frames(self.scene, [cell], camera))
 
     @cached_property
-    def small(self) -> Scene:
+    def small(self) -> PictureScene:
         """The picture with its light averaged over ``smaller`` x ``smaller`` px."""
         light = avg_pool2d(self.scene.light.light, self.smaller, ceil_mode=True, count_include_pad=False)
         coded = srgb_from_linear(light)[0].clamp(0, 1).mul(65535).round().permute(1, 2, 0)
-        return Scene(coded.contiguous().numpy().astype(np.uint16))
+        return PictureScene(coded.contiguous().numpy().astype(np.uint16))
 
     def preview(self, state: State, camera: Camera) -> NDArray[np.uint8]:
         """The picture ``smaller`` times smaller, with its motion and defocus; each pixel has the noise of a

@@ -28,7 +28,6 @@ from torch import Tensor
 from blurnoise import charts, simulate
 from blurnoise.camera import Camera
 from blurnoise.camera.radiometry import photoelectrons
-from blurnoise.light.conditions import of_one_exposure
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
 from blurnoise.metrics.values import BatchEstimate, Estimate
@@ -306,7 +305,9 @@ def check(camera: Camera, plan: SweepPlan) -> None:
             raise ValueError(f"{name}: must be {must}")
     if plan.lamps is not None:
         raise ValueError("emitters, pwm: must be left out; a chart has no lamps")
-    of_one_exposure(camera)
+    if len(camera.sensor.captures) > 1:  # a chart's metrics are of one frame's digital numbers
+        count = len(camera.sensor.captures)
+        raise ValueError(f"camera: {camera.name!r} has {count} captures; must have one for a chart")
     for conditions in plan.conditions():
         conditions.exposure(camera)
 

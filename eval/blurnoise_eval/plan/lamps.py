@@ -1,6 +1,6 @@
 """Lamps of a plan's pictures: targets that are brighter than the picture has them, and pulsed lamps (PWM).
 
-Domain: light as a multiple of the picture's; Hz; phases in periods, as :mod:`blurnoise.light.flicker` has them.
+Domain: light as a multiple of the picture's; Hz; phases in periods, as :mod:`blurnoise.light.lamp` has them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from blurnoise_eval.plan.axes import numbers
 from blurnoise_eval.plan.settings import Settings, Text, setting
 
 if TYPE_CHECKING:
-    from blurnoise.light.flicker import Pwm
+    from blurnoise.light.lamp import Pwm
 
 TARGETS = "targets"
 """The targets of every picture: the place of lamps, as scenes have a mask's file."""
@@ -99,7 +99,7 @@ class Lamps(Settings):
         """The pulses of a cell; None without."""
         if self.pwm is None:
             return None
-        from blurnoise.light.flicker import Pwm
+        from blurnoise.light.lamp import Pwm
 
         lamp, _ = pwm_of(self.pwm)
         if not self.phases:
@@ -109,7 +109,7 @@ class Lamps(Settings):
 
 def pwm_of(text: str) -> tuple[Pwm, bool]:
     """The lamp of "HZ,DUTY[,PHASE]", and whether it has a phase. Raises ``ValueError`` for another text."""
-    from blurnoise.light.flicker import Pwm
+    from blurnoise.light.lamp import Pwm
 
     try:
         figures = [float(part) for part in text.split(",")]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import groupby
@@ -20,16 +20,16 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import limited_motion
 from blurnoise.camera import Camera
-from blurnoise.camera.captures import Capture, longest_first_s, windows
+from blurnoise.camera.captures import longest_first_s, windows
 from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
-from blurnoise.light.conditions import Conditions as LightConditions
 from blurnoise.light.motion import readout_of
-from blurnoise.picture.develop import tones_8bit
-from blurnoise.scene import hdr
-from blurnoise.scene.fusion import readers_of
-from blurnoise.scene.metering import AutoExposure, mean_luma
-from blurnoise.scene.scene import ExposedScene, Exposure
-from blurnoise.scene.scene import Frame as Taken
+from blurnoise.picture import fusion
+from blurnoise.picture.develop import develop_8bit, tones_8bit
+from blurnoise.picture.fusion import captures_of, readers
+from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.metering import mean_luma
+from blurnoise.scene.scene import Scene
+from blurnoise.scene.take import Frames, TakeOptions, take_each
 from blurnoise_eval.datasets import (
     Image,
     Picture,
@@ -71,7 +71,7 @@ class Frame(NamedTuple):
     missed_pulse: bool | None = None
 
 
-class Scene:
+class PictureScene:
     """A picture as light, shared by all its conditions. ``image8``: the picture itself with 8 bits.
 
     plan: how it is exposed under all of them. picture: with the targets that the plan's objects move, and which may
@@ -86,7 +86,7 @@ class Scene:
         self._lock = threading.Lock()
         self._means: dict[Camera, float] = {}
         try:
-            self.light = ExposedScene.of_picture(image, plan.grey_anchor, plan.picture_tone)
+            self.light = Scene.of_picture(image, plan.grey_anchor, plan.picture_tone)
         except ValueError as error:
             if plan.grey_anchor is None:
                 raise
@@ -98,14 +98,18 @@ class Scene:
                 self.light = replace(self.light, light=self.light.light * (1 + mask * (lamps.factor - 1)))
         self.lamp_mask = mask if lamps is not None and lamps.pwm_mask else None
         """Where the pulsed lamp is, (H, W); None: it lights everything."""
+        if self.lamp_mask is not None:
+            self.light = replace(self.light, lamp_mask=self.lamp_mask)
 
-    def frames(self, exposures: Sequence[Exposure]) -> Iterator[Taken]:
+    def frames(self, exposures: Sequence[Exposure]) -> Iterator[Frames]:
         """The picture under each exposure. At rest it is as it is, whatever may move."""
-        for _, group in groupby(exposures, key=self._is_cut):
-            of = [self._exposed(each) for each in group]
-            yield from hdr.frames(
-                of[0][0], [each for _, each in of], white=self.plan.hdr_white, lamp_mask=self.lamp_mask
-            )
+        options = TakeOptions(("8 bit",), white=self.plan.hdr_white)
+        for is_cut, group in groupby(exposures, key=self._is_cut):
+            if is_cut:
+                yield from take_each(self._cut_scene()[0].scene, group, options)
+            else:
+                whole = (replace(exposure, moves="all") for exposure in group)
+                yield from take_each(self.light, whole, options)
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
@@ -135,8 +139,8 @@ class Scene:
         if taken.lamp is None or not lit.any():
             return None
         size = self.image8.shape[:2]
-        for start_s, taken_s in windows(taken.camera.sensor.captures or (Capture(),), taken.exposure_s):
-            rows = readout_of(LightConditions(taken.camera, taken_s, 0.0, 0.0), size)
+        for start_s, taken_s in windows(captures_of(taken.camera), taken.exposure_s):
+            rows = readout_of(taken.camera, taken_s, size)
             begin, end = map(torch.from_numpy, rows.windows_s)
             if taken.lamp.factor(end - begin, begin - begin.min() + start_s).numpy()[lit].any():
                 return False
@@ -146,11 +150,6 @@ class Scene:
         """Whether the picture has to be cut for it."""
         return taken.moves != "all" and any(taken.velocity_px_s)
 
-    def _exposed(self, taken: Exposure) -> tuple[ExposedScene | CutScene, Exposure]:
-        if self._is_cut(taken):
-            return self._cut_scene()[0], taken
-        return self.light, taken if taken.moves == "all" else replace(taken, moves="all")
-
     def _cut_scene(self) -> tuple[CutScene, tuple[int, ...]]:
         """The layers, cut out by the first thread that needs them, and the places of their targets."""
         with self._lock:
@@ -159,15 +158,15 @@ class Scene:
                     raise ValueError("moves: targets and background need a picture that has targets")
                 light, scale = self.light.light, 1.0
                 if self.plan.grey_anchor is not None:
-                    plain = ExposedScene.of_picture(self._image, encoding=self.plan.picture_tone)
+                    plain = Scene.of_picture(self._image, encoding=self.plan.picture_tone)
                     scale = float(self._reflected.sum() / plain.light.sum())
                 emitters = 1.0 if self.plan.lamps is None else self.plan.lamps.factor
                 found = cut_out(self._picture, light, self.objects, scale, emitters)
-                self._cut = CutScene(found.cut, found.speeds), found.targets
+                self._cut = CutScene(found.cut, found.speeds, self.lamp_mask), found.targets
             return self._cut
 
 
-def frames(scene: Scene, cells: Sequence[Cell], camera: Camera) -> Iterator[Frame]:
+def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterator[Frame]:
     """The picture of each cell; a cell without conditions is the picture as it is, and comes first.
 
     Where a cell leaves the gain to the camera, the plan's auto-exposure sets it by the scene's mean light. A shake is
@@ -179,9 +178,10 @@ def frames(scene: Scene, cells: Sequence[Cell], camera: Camera) -> Iterator[Fram
     mean, (height, width) = scene.mean_light(camera) if exposed else 0.0, scene.image8.shape[:2]
     exposures = []
     for cell, at in exposed:
-        exposure = _set(
-            at.exposure(camera, cell.seed, vehicle=plan.vehicle), at.automatic, mean, plan.auto_exposure
-        )
+        exposure = at.exposure(camera, cell.seed, vehicle=plan.vehicle)
+        if at.automatic:
+            exposure_s = math.nan if "exposure_s" in at.automatic else exposure.exposure_s
+            exposure = replace(exposure, exposure_s=exposure_s, gain_db=plan.auto_exposure).metered(mean)
         if plan.path is not None:
             along = plan.path[0].of(camera, (height, width), plan.path[1], cell.seed)
             exposure = replace(exposure, trajectory=along)
@@ -192,35 +192,20 @@ def frames(scene: Scene, cells: Sequence[Cell], camera: Camera) -> Iterator[Fram
     for (cell, _), exposure, frame in zip(exposed, exposures, scene.frames(exposures), strict=True):
         if before != (before := _motion(exposure)):  # else only the light differs
             boxes = box_mover(exposure, scene.objects), box_sweeper(exposure, scene.objects)
+        (image,) = frame.images()
         yield Frame(
             cell,
-            frame.picture,
+            image,
             frame.simulate_ms,
             exposure,
             *boxes,
-            saturated=_saturated(frame.picture, brightest(exposure, plan.hdr_white)),
+            saturated=_saturated(image, brightest(exposure, plan.hdr_white)),
             snr_db=snr_db(exposure, mean),
-            brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
+            brightness=cv2.mean(image.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
             own_px=scene.own_px(exposure),
             missed_pulse=scene.missed_pulse(exposure),
         )
-
-
-def _set(
-    exposure: Exposure, automatic: Collection[str], mean_light: float, auto_exposure: AutoExposure
-) -> Exposure:
-    """The exposure with what the camera sets for a picture of ``mean_light``."""
-    if not automatic:
-        return exposure
-    setting = auto_exposure.setting(
-        exposure.camera,
-        mean_light=mean_light,
-        illuminance_lux=exposure.illuminance_lux,
-        exposure_s=None if "exposure_s" in automatic else exposure.exposure_s,
-        temperature_c=exposure.temperature_c,
-    )
-    return replace(exposure, exposure_s=setting.exposure_s, gain_db=setting.gain_db)
 
 
 def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
@@ -234,9 +219,10 @@ def brightest(exposure: Exposure, hdr_white: float = 1.0) -> int:
 
     Of several captures it is that of a pixel which is at a limit in all of them.
     """
-    if exposure.camera.sensor.captures:
-        return _brightest_merged(replace(exposure, seed=0, trajectory=None, lamp=None), hdr_white)
-    return _brightest(*exposure.amplified)
+    camera, digital_db = exposure.amplified
+    if len(readers(camera)) == 1:
+        return _brightest(readers(camera)[0], digital_db)
+    return _brightest_fused(camera, _white_e(exposure) * hdr_white)
 
 
 @lru_cache(maxsize=64)
@@ -245,23 +231,17 @@ def _brightest(camera: Camera, digital_db: float) -> int:
 
 
 @lru_cache(maxsize=256)
-def _brightest_merged(exposure: Exposure, hdr_white: float) -> int:
-    """What a pixel becomes that is at a limit in every capture."""
-    camera = exposure.camera
-    captures, digital_db = hdr.amplified(camera, exposure.gain_db)
+def _brightest_fused(camera: Camera, white_e: float) -> int:
     planes = 3 if camera.sensor.cfa == "none" else 1
-    limits_dn = (float(int(each.sensor.saturated_dn)) for each in readers_of(camera, captures))
-    frames = [torch.full((1, planes, 4, 4), limit_dn) for limit_dn in limits_dn]
-    white_e = torch.tensor([_white_e(exposure) * hdr_white])
-    seen = hdr.merged(frames, camera, captures, white_e=white_e, digital_db=digital_db, eight_bit=True)
-    return int(seen.min())
+    limits_dn = [float(int(reader.sensor.saturated_dn)) for reader in readers(camera)]
+    dn = torch.stack([torch.full((1, planes, 4, 4), limit_dn) for limit_dn in limits_dn])
+    return int(develop_8bit(dn, camera, white_e=torch.tensor([white_e])).min())
 
 
 def _white_e(exposure: Exposure) -> float:
     """Electrons of white in the first capture."""
-    first = exposure.camera.sensor.captures[0] if exposure.camera.sensor.captures else Capture()
     lux_s = exposure.illuminance_lux * exposure.exposure_s
-    return lux_s * electrons_per_lux_s(exposure.camera) * first.sensitivity
+    return lux_s * electrons_per_lux_s(exposure.camera) * captures_of(exposure.camera)[0].sensitivity
 
 
 def _motion(taken: Exposure) -> tuple[object, ...]:
@@ -274,18 +254,17 @@ def snr_db(exposure: Exposure, light: float) -> float | None:
     """Temporal signal to noise, dB, of a pixel with so much light, below saturation: EMVA 1288, noise of signal, dark
     charge, read-out and rounding; of several captures as merged. None without light."""
     camera = exposure.amplified.camera
-    if camera.sensor.captures:
-        captures, _ = hdr.amplified(exposure.camera, exposure.gain_db)
-        signal_e = light * _white_e(exposure)
-        dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
-        return hdr.snr_db(exposure.camera, captures, signal_e, dark_e=dark_e) if signal_e > 0 else None
     signal_e = light * _white_e(exposure)
     dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
+    if signal_e <= 0:
+        return None
+    if camera.sensor.captures:
+        return fusion.snr_db(camera, signal_e, dark_e=dark_e)
     bend_e2 = (camera.sensor.variance_factor(signal_e + dark_e) - 1) * (signal_e + dark_e)
     noise_e = math.sqrt(
         signal_e + bend_e2 + camera.sensor.dark_variance_dn2(dark_e) / camera.sensor.system_gain_dn_per_e**2
     )
-    return 20 * math.log10(signal_e / noise_e) if signal_e > 0 else None
+    return 20 * math.log10(signal_e / noise_e)
 
 
 def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
@@ -301,7 +280,7 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
         check_cut(pictures, plan.objects)
     if plan.path is not None:
         (stated, longest_s), readout_s = plan.path, camera.sensor.row_time_s * camera.sensor.height_px
-        half_s = sum(windows(camera.sensor.captures or (Capture(),), longest_s)[-1]) - longest_s / 2
+        half_s = sum(windows(captures_of(camera), longest_s)[-1]) - longest_s / 2
         half_s += readout_s if camera.sensor.shutter == "global-reset" else readout_s / 2
         path = stated.of(camera, size, longest_s, plan.seed)
         path.window(-half_s, half_s)

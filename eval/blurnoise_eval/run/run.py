@@ -33,7 +33,7 @@ from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.run import RunData, write_tables
 from blurnoise_eval.run.coco_export import detection_files, write_detections
 from blurnoise_eval.run.computing import Outcome
-from blurnoise_eval.run.exposing import Frame, Scene, frames
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 from blurnoise_eval.run.pictures import original_picture, pictures_of_run
 from blurnoise_eval.run.score_tables import on_lines, run_averages, score_tables, withheld_models
 from blurnoise_eval.run.setup import Batch, Setup, note_batch
@@ -310,11 +310,11 @@ class Run:
             raise ValueError(f"{text}: must be a simulated picture of the run, as listed in results.csv")
         return self.setup.cell_of(rows[len(rows) // 2])
 
-    def scene(self, picture: Picture) -> Scene:
+    def scene(self, picture: Picture) -> PictureScene:
         """The light of a picture, as the run's cells have it."""
-        return Scene(picture.load(), self.plan, picture)
+        return PictureScene(picture.load(), self.plan, picture)
 
-    def expose(self, scene: Scene, cell: Cell, camera: Camera | None = None) -> Frame:
+    def expose(self, scene: PictureScene, cell: Cell, camera: Camera | None = None) -> Frame:
         """A cell's picture, of its scene, as the run took it or through another camera."""
         (frame,) = frames(scene, [cell], camera or self.camera)
         return frame
@@ -338,7 +338,7 @@ class Run:
             else self.expose(scene, self.cell(cell_id=cell_id)).image
         )
 
-    _scene: tuple[str, Picture, Scene] | None = None
+    _scene: tuple[str, Picture, PictureScene] | None = None
     """The last picture that was simulated: many cells of one picture come one after the other."""
 
     def model(self, name: str, timeout_s: float = TIMEOUT_S) -> Detector:

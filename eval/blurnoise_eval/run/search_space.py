@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise.camera import Camera
-from blurnoise.light import conditions as exposed
+from blurnoise.light.resolved import Resolved
 from blurnoise.scene.plan import Contribution, plan_at
 from blurnoise.sensor.stages import DARK_CURRENT
 from blurnoise_eval.answers.plane import AT_REST, DIGITS, STILL_PX, direction_of, places_of
@@ -134,7 +134,7 @@ def _of_time_alone(camera: Camera, space: SearchSpace) -> list[str]:
     (shortest_s, longest_s), temperature_c = space.exposures_s, space.further.get("temperature_c", 25.0)
 
     def budget(of: Camera, exposure_s: float, white_e: float) -> tuple[Contribution, ...]:
-        return plan_at(exposed.Conditions(of, exposure_s, temperature_c, white_e, (1.0, 0.0))).stages
+        return plan_at(Resolved(of, exposure_s, temperature_c, white_e, (1.0, 0.0))).stages
 
     effects = [effect for effect in budget(camera, longest_s, 0.0) if effect.name == DARK_CURRENT.name]
     cold, bright_e = camera.with_figures(dark_current_e_s=0.0), camera.sensor.full_well_e

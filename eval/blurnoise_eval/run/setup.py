@@ -15,7 +15,7 @@ from operator import itemgetter
 from typing import Any
 
 from blurnoise.camera import Camera
-from blurnoise.scene.scene import Exposure
+from blurnoise.scene.exposure import Exposure
 from blurnoise_eval.plan.axes import AUTOMATIC, CORE, EXPOSURE, NAMES, axis
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.plan import SweepPlan

@@ -24,9 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise.camera import Camera
-from blurnoise.camera.captures import Capture
 from blurnoise.camera.radiometry import electrons_per_lux_s
-from blurnoise.scene import hdr
+from blurnoise.picture import fusion
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.run.search_space import STEP, SearchSpace, exposures_on, spread
 
@@ -63,8 +62,7 @@ class Trend(NamedTuple):
         """That of a camera at its base gain."""
         per_lux_s = electrons_per_lux_s(camera)
         noise_e = math.sqrt(camera.sensor.dark_variance_dn2()) / camera.sensor.system_gain_dn_per_e
-        captures = camera.sensor.captures or (Capture(),)
-        return cls(per_lux_s, noise_e, hdr.saturations_e(camera, captures)[-1] / per_lux_s)
+        return cls(per_lux_s, noise_e, fusion.saturations_e(camera)[-1] / per_lux_s)
 
     def features(self, places: Array) -> Array:
         """(N, 7): 1, s, s^2, L, L^2, log (1 + L^2), o; s: signal to noise, L: motion, o: beyond saturation."""

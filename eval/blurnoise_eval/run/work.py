@@ -23,7 +23,7 @@ from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.plan.axes import blur_px
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.plan.plan import SweepPlan
-from blurnoise_eval.run.exposing import Frame, Scene, frames
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View
 from blurnoise_eval.store.columns import ORIGINAL, AxisValues
@@ -115,7 +115,7 @@ class Work:
 class PreparedPicture(NamedTuple):
     """A picture as light, every model's answer to it as it is, and what of it the store notes."""
 
-    scene: Scene
+    scene: PictureScene
     views: list[View]
     facts: PictureFacts
 
@@ -129,7 +129,7 @@ class PreparedPicture(NamedTuple):
                 f"{picture.name}: {width} x {height} px; must be at least 2 x 2 for a camera with a mosaic"
             )
         try:
-            scene = Scene(image, work.plan, picture)
+            scene = PictureScene(image, work.plan, picture)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         views: list[View] = [View(model, picture, scene.image8) for model in work.models]

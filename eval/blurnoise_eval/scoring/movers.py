@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from blurnoise.light import effects
-from blurnoise.scene.scene import Exposure
+from blurnoise.scene.exposure import Exposure
 from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.scoring.boxes import MoveBoxes, swept_within
 

@@ -9,16 +9,16 @@ import pytest
 import sub_exposures
 import torch
 from blurnoise_eval.datasets import segmentation
+from exposed_frames import raw_frames
 from layered_scenes import BACKGROUND, MATTE, OBJECT, OTHER, SECOND, SIZE, STILL, close, seen
 
-from blurnoise import Camera, ExposedScene, Layer, Trajectory, expose_layers, motion_blur, plan, simulate
+from blurnoise import Camera, Layer, Scene, Trajectory, expose_layers, motion_blur, plan, simulate
 from blurnoise.blur import sub_exposures as blur_sub_exposures
 from blurnoise.blur.layers import object_motion, seen_behind
 from blurnoise.camera.captures import staggered
-from blurnoise.light.conditions import Conditions
 from blurnoise.light.motion import OBJECTS
+from blurnoise.light.resolved import Resolved
 from blurnoise.scene import cutting
-from blurnoise.scene.hdr import captured
 
 CAMERA = Camera.preset("imx250")
 ROLLING = CAMERA.with_figures(row_time_s=2e-5, shutter="rolling")
@@ -211,14 +211,14 @@ def test_the_bound_holds_for_black_and_white(moved, background):
     apart, along = (Layer(light[0], alpha, (speed, 0.0)) for speed in (moved, background))
     taken = {"exposure_s": 1.0, "velocity_px_s": (background, 0.0)}
     one, other = (expose_layers(scene, [layer], **taken) for layer in (apart, along))
-    at = Conditions(CAMERA, 1.0, 25.0, 1.0, (background, 0.0), objects=(object_motion(apart, 1.0, (64, 80)),))
+    at = Resolved(CAMERA, 1.0, 25.0, 1.0, (background, 0.0), objects=(object_motion(apart, 1.0, (64, 80)),))
     assert float((one - other).square().mean().sqrt()) <= OBJECTS.bound(at)
 
 
 def test_later_captures_have_it_further_on():
     """The second of two, 1/8 as long and right behind the first: its middle 0.5625 of an exposure later, 9 px."""
     taken = {name: value for name, value in MEAN.items() if name != "encoding"}
-    frames = captured(ExposedScene(0 * DARKER, layers=[SQUARE]), CAMERA, staggered(8), generator=[1], **taken)
+    frames = raw_frames(Scene(0 * DARKER, layers=[SQUARE]), CAMERA, staggered(8), **taken)
     middles = []
     for frame in frames:
         light = (frame - CAMERA.sensor.black_level_dn)[0, 0].sum(0)

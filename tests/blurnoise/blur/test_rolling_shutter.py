@@ -17,7 +17,7 @@ from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import moved
 from blurnoise.camera.lens import Distortion
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 
 ROW_S, EXPOSURE_S = 3e-4, 0.01
 SIZE = (41, 67)
@@ -249,7 +249,7 @@ def test_bound_holds():
     for velocity in ((20.0, 0.0), (0.0, 15.0), (60.0, -50.0)):
         displacement_px = velocity[0] / 100, velocity[1] / 100
         moved = convolution.motion_blur(light, displacement_px, method="transfer")
-        at = Conditions(ROLLING, 0.01, 25.0, 100.0, displacement_px, size=SIZE)
+        at = Resolved(ROLLING, 0.01, 25.0, 100.0, displacement_px, size=SIZE)
         changed = float((warped(moved, velocity, ROW_S, "reflect") - moved).square().mean().sqrt())
         assert 0.1 * effect.bound(at) < changed <= effect.bound(at)
 

@@ -16,9 +16,9 @@ from blurnoise.blur.over_the_field import TOLERANCE
 from blurnoise.camera import lens as lenses
 from blurnoise.camera.lens import Distortion, Mtf, RelativeIllumination
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION
 from blurnoise.light.motion import MOTION
+from blurnoise.light.resolved import Resolved
 
 SENSOR = Camera.preset("imx250").with_figures(width_px=640, height_px=480, hfov_deg=90.0)
 H, W = 61, 87
@@ -205,7 +205,7 @@ def picture(kind=torch.float64, planes=3, size=(H, W)):
 
 
 def at(camera, displacement_px=(0.0, 0.0)):
-    return Conditions(camera, *[torch.zeros(1)] * 3, torch.tensor([displacement_px]))
+    return Resolved(camera, *[torch.zeros(1)] * 3, torch.tensor([displacement_px]))
 
 
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
@@ -232,7 +232,7 @@ def test_on_changes_the_picture_within_its_bound_and_the_plan_says_so(lens, stre
         "vignetting": {"falloff_power": 4.0 * s},
     }[lens])  # fmt: skip
     effect = next(each for each in effects.EFFECTS if each.name == lens)
-    bound = effect.bound(Conditions(camera, 0.01, 25.0, 1000.0, (0.0, 0.0)))
+    bound = effect.bound(Resolved(camera, 0.01, 25.0, 1000.0, (0.0, 0.0)))
     found = []
     for light in (picture(), torch.ones(1, 3, H, W, dtype=torch.float64)):
         off = effects.through(light, at(camera)) - light

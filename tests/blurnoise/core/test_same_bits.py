@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from exposed_frames import batched
 
 import blurnoise
 from blurnoise import Camera
@@ -10,7 +11,7 @@ from blurnoise.camera.camera_files import PRESETS
 PICTURES = torch.rand(2, 3, 20, 27, generator=torch.Generator().manual_seed(1))
 LIT = {"exposure_s": 0.01, "illuminance_lux": 100.0}
 MOVES = {"speed_px_s": 700.0, "direction_deg": 30.0}
-ROLLING = Camera.preset("ar0237")
+HDR = Camera.preset("ar0132x3")
 LAYER = blurnoise.Layer(torch.full((3, 9, 7), 0.4), torch.ones(9, 7), (80.0, 0.0), (5, 6))
 
 
@@ -27,7 +28,11 @@ def simulated(pictures, camera="imx250c"):
 DOORS = {
     "simulate": simulated,
     "expose_pictures": lambda pictures: taken(pictures, generator=[5, 6]),
-    "expose": lambda pictures: blurnoise.ExposedScene(pictures).expose(ROLLING, **LIT, generator=[5, 6]),
+    "take": lambda pictures: (
+        blurnoise.take(
+            blurnoise.Scene(pictures), blurnoise.Exposure(HDR, **batched(LIT, 2), seed=[5, 6])
+        ).picture
+    ),
     "develop": lambda pictures: blurnoise.develop(pictures[:, :1] * 3000, Camera.preset("imx250c")),
     "motion_blur": lambda pictures: blurnoise.motion_blur(pictures, (5.3, -2.0)),
     "defocus": lambda pictures: blurnoise.defocus(pictures, 1.5),

@@ -6,19 +6,23 @@ from typing import Any
 
 import pytest
 import torch
+from exposed_frames import batched
 from hypothesis import given
 from hypothesis import strategies as st
 from torch.nn.functional import avg_pool2d
 
 from blurnoise import (
     Camera,
-    ExposedScene,
+    Exposure,
     Layer,
     RandomExposure,
+    Scene,
+    TakeOptions,
     Trajectory,
     develop,
     photoelectrons,
     simulate,
+    take,
 )
 from blurnoise.camera import PRESETS
 from blurnoise.camera.colour import linear_from_srgb, srgb_from_linear
@@ -158,15 +162,16 @@ def test_light_at_rest_is_not_written_to(name):
         at = {"velocity_px_s": velocity, "generator": [1], **LIT}
         first = simulate(light, camera, encoding="linear", fidelity="full", **at)
         assert bool((light == 0.5).all())
-        scene = ExposedScene(light, fidelity="full")
+        scene = Scene(light)
         for _ in range(2):
-            assert torch.equal(scene.expose(camera, **at), first)
+            exposure = Exposure(camera, **batched(LIT, 1), velocity_px_s=velocity, seed=[1])
+            assert torch.equal(take(scene, exposure, TakeOptions(("raw",), fidelity="full")).raw[0], first)
 
 
 def test_a_scene_is_freed_at_once():
     """Without waiting for the collector of cycles: training makes one for every batch."""
-    scene = ExposedScene(torch.rand(1, 3, 16, 20))
-    scene.expose(Camera.preset("imx250"), exposure_s=0.01, illuminance_lux=50.0, generator=[1])
+    scene = Scene(torch.rand(1, 3, 16, 20))
+    take(scene, Exposure(Camera.preset("imx250"), 0.01, 50.0, seed=1))
     gone = weakref.ref(scene)
     del scene
     assert gone() is None
@@ -318,7 +323,7 @@ def test_anchors_are_read_written_and_of_codes_as_of_light():
         assert len(str(told.value)) < 300
     coded = (photograph(2)[0].permute(1, 2, 0) * 255).round().byte().numpy()
     expected = anchored(linear_from_srgb(photograph(2).float()), "p50")
-    torch.testing.assert_close(ExposedScene.of_picture(coded, "p50").light, expected, rtol=1e-5, atol=1e-7)
+    torch.testing.assert_close(Scene.of_picture(coded, "p50").light, expected, rtol=1e-5, atol=1e-7)
 
 
 LUX = st.floats(1e-4, 1e6)

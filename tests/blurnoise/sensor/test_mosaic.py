@@ -5,7 +5,7 @@ import pytest
 import torch
 from generic_filters import behind_generic_filters
 
-from blurnoise import Camera, ExposedScene, Exposure, develop, photoelectrons, simulate
+from blurnoise import Camera, Exposure, Scene, develop, photoelectrons, simulate, take_each
 from blurnoise.camera import radiometry
 from blurnoise.camera.colour import FilterCurves, inverse
 from blurnoise.camera.radiometry import colour_shares, filter_electrons
@@ -94,10 +94,10 @@ def test_scenes_and_simulate_give_the_same_bits(cfa, jpeg_quality, channels):
         taker = taker.with_figures(
             quantum_efficiency=behind_generic_filters(0.6)
         )  # whose ratios are the light's
-    scene = ExposedScene.of_picture(np.ascontiguousarray(coded), illuminant="planck:3000")
+    scene = Scene.of_picture(np.ascontiguousarray(coded), illuminant="planck:3000")
     at = [Exposure(taker, 0.004, lux, (900.0, -300.0), gain_db=27.0, seed=5) for lux in (20.0, 60.0)]
     at.append(Exposure(taker, 0.02, 60.0, seed=6))
-    for exposure, frame in zip(at, scene.frames(at), strict=True):
+    for exposure, frame in zip(at, take_each(scene, at), strict=True):
         by, digital_db = exposure.amplified
         dn = simulate(
             torch.from_numpy(coded).permute(2, 0, 1)[None] / 255, by,
@@ -106,8 +106,9 @@ def test_scenes_and_simulate_give_the_same_bits(cfa, jpeg_quality, channels):
             tolerance_dn=0.1 / 10 ** (digital_db / 20) / magnification(by, "planck:3000"),
         )  # fmt: skip
         seen = in_channels(develop_8bit(dn, by, digital_db, "planck:3000"), channels)
-        assert frame.picture.shape == coded.shape
-        assert np.array_equal(frame.picture, seen[0].permute(1, 2, 0).numpy())
+        (image,) = frame.images()
+        assert image.shape[:2] == coded.shape[:2]
+        assert np.array_equal(in_channels(frame.eight_bit, channels), seen)
 
 
 def test_gradients_go_through_the_mosaic():

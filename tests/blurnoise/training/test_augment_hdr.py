@@ -12,8 +12,8 @@ from batches import one_of, pictures
 from blurnoise import Camera, RandomExposure, develop, simulate
 from blurnoise.camera.captures import Capture, staggered
 from blurnoise.camera.radiometry import electrons_per_lux_s
-from blurnoise.light.flicker import Flicker, Pwm
-from blurnoise.scene import hdr
+from blurnoise.light.lamp import Pwm
+from blurnoise.picture import fusion
 from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import ExposureRanges
 
@@ -52,7 +52,7 @@ def test_snr_dips_where_the_second_capture_takes_over(share):
     mean_e = share * 10_715
     seen = electrons(THREE, mean_e)
     found_db = 20 * math.log10(float(seen.mean() / seen.std()))
-    assert found_db == pytest.approx(hdr.snr_db(FINE, THREE.sensor.captures, mean_e), abs=0.06)
+    assert found_db == pytest.approx(fusion.snr_db(THREE, mean_e), abs=0.06)
     assert found_db == pytest.approx({0.75: 39.0, 1.5: 30.0}[share], abs=0.1)
 
 
@@ -183,6 +183,6 @@ def test_what_cannot_be_is_named(given, message):
 
 def test_a_lamp_of_the_function_is_checked():
     with pytest.raises(TypeError, match="lamp: must be"):
-        expose_pictures(pictures(1, 1, 4, 5), IMX250, lamp=[Flicker(LED)], **AT)  # type: ignore[list-item]
+        expose_pictures(pictures(1, 1, 4, 5), IMX250, lamp=[90.0], **AT)  # type: ignore[list-item]
     with pytest.raises(ValueError, match="lamp: got 2; must be one, or 3"):
         expose_pictures(pictures(3, 1, 4, 5), IMX250, lamp=[LED, None], **AT)

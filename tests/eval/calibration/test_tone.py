@@ -7,7 +7,7 @@ from blurnoise_eval.datasets import decode, write_picture
 from commands import main
 from PIL import Image
 
-from blurnoise import Camera, ExposedScene
+from blurnoise import Camera, Scene
 
 GRID = np.linspace(0.0, 1.0, 401)
 
@@ -67,7 +67,7 @@ def test_a_picture_made_linear_by_it_is_the_reflectance(tmp_path):
     assert camera.sources["tone"].startswith("measured: bracket of 5 pictures, residual 0.")
     assert camera.sources["f_number"] == "assumed, as of the preset imx250m"
     picture = np.repeat(decode(folder / "4.png")[..., None], 3, 2)
-    light = ExposedScene.of_picture(picture, encoding=camera.isp.tone).light[0, 0].numpy()
+    light = Scene.of_picture(picture, encoding=camera.isp.tone).light[0, 0].numpy()
     bright = (scene(0) > 0.1) & (scene(0) < 0.95)
     assert light[bright].mean() == pytest.approx(scene(0)[bright].mean(), rel=0.01)
     rounds = 0.5 / 255 / np.gradient(shouldered(GRID), GRID)  # light that half a value is worth

@@ -10,15 +10,15 @@ import pytest
 import torch
 from blurnoise_eval.datasets import decode_linear, write_picture
 from commands import main, pixels, told
+from exposed_frames import raw_frames
 
-from blurnoise import Camera, ExposedScene, Trajectory, photoelectrons, simulate
+from blurnoise import Camera, Trajectory, develop, photoelectrons, simulate
 from blurnoise.camera.captures import staggered
 from blurnoise.camera.colour import srgb_from_linear
-from blurnoise.light.flicker import Pwm
+from blurnoise.light.lamp import Pwm
 from blurnoise.motion.ego import EgoMotion, Vehicle, View
 from blurnoise.motion.trajectory import from_text, path_duration_s, shake
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.scene.hdr import captured, developed, fuse
 
 IMX250 = Camera.preset("imx250")
 ROLLING = IMX250.with_figures(row_time_s=2e-5, shutter="rolling")
@@ -174,7 +174,7 @@ def test_captures_of_light_brighter_than_white(capsys):
         "generator": [5],
     }
     light = torch.from_numpy(LIGHT).permute(2, 0, 1)[None].contiguous()
-    frames = captured(ExposedScene(light), IMX250, staggered(16, 64), **given)
+    frames = raw_frames(light, IMX250, staggered(16, 64), **given)
     facts, _ = taken(capsys, "light.tiff", f"{words} --hdr 16,64 --bit-depth native")
     for name, frame in zip(("out.png", "out_2.png", "out_3.png"), frames, strict=True):
         np.testing.assert_array_equal(stored(name), frame[0].numpy())
@@ -182,8 +182,8 @@ def test_captures_of_light_brighter_than_white(capsys):
     assert facts["fused_saturation_electrons"] == pytest.approx(64 * 10715)
     assert facts["above_white_percent"] == pytest.approx(100 * float((LIGHT.max(-1) > 1).mean()))
     _, seen = taken(capsys, "light.tiff", f"{words} --hdr 16,64 --hdr-white 8")
-    electrons = fuse(frames, IMX250, staggered(16, 64))
-    expected = developed(electrons, IMX250, white_e=8 * photoelectrons(IMX250, 80.0, 0.01))
+    several = IMX250.with_figures(captures=staggered(16, 64))
+    expected = develop(torch.stack(frames), several, white_e=8 * photoelectrons(IMX250, 80.0, 0.01))
     np.testing.assert_array_equal(seen, (255 * expected[0]).round().numpy())
     Path("hdr.yaml").write_text("base: imx250\ncaptures: [{}, {exposure_ratio: 16}]\n")
     of_file, by_file = taken(capsys, "light.tiff", words.replace("imx250", "hdr.yaml"))

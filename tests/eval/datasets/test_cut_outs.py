@@ -13,7 +13,9 @@ from blurnoise_eval.plan.objects import Objects
 from blurnoise import Camera, charts, expose_layers
 from blurnoise.blur.layers import Layer
 from blurnoise.scene.cutting import Cut
-from blurnoise.scene.scene import ExposedScene, Exposure
+from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.scene import Scene
+from blurnoise.scene.take import take_each
 
 HEIGHT, WIDTH = 60, 81
 
@@ -23,7 +25,7 @@ def image():
 
 
 def light(seen):
-    return ExposedScene.of_picture(seen).light
+    return Scene.of_picture(seen).light
 
 
 def made(*targets, name="a.png"):
@@ -135,7 +137,7 @@ def taken(moves, seed=3, velocity=VELOCITY):
 
 
 def frame(scene, exposure):
-    return next(iter(scene.frames([exposure]))).picture.astype(float)
+    return next(take_each(scene, [exposure])).images()[0].astype(float)
 
 
 def averaged(moves):
@@ -148,7 +150,7 @@ def averaged(moves):
             ground(still if moves == "targets" else (shift[0], shift[1])),
             still if moves == "background" else (shift[0], shift[1]),
         )
-    return frame(ExposedScene(total / PARTS), taken("all", velocity=(0.0, 0.0)))
+    return frame(Scene(total / PARTS), taken("all", velocity=(0.0, 0.0)))
 
 
 def rms(one, other):
@@ -160,7 +162,7 @@ def rms(one, other):
 @pytest.mark.parametrize("moves", ["all", "targets", "background"])
 def test_each_kind_is_the_mean_of_scenes_rendered_at_every_moment(moves):
     expected = {kind: averaged(kind) for kind in ("all", "targets", "background")}
-    found = frame(CutScene(cut()), taken(moves))
+    found = frame(CutScene(cut()).scene, taken(moves))
     assert rms(found, expected[moves]) < 1.5
     for other in expected.keys() - {moves}:
         assert rms(found, expected[other]) > 4.0  # so that one cannot be taken for another

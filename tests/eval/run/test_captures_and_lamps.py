@@ -14,7 +14,7 @@ from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.files import PlanFile
 from blurnoise_eval.plan.lamps import Lamps
 from blurnoise_eval.plan.plan import usual_plan
-from blurnoise_eval.run.exposing import Scene, check_plan, frames, snr_db
+from blurnoise_eval.run.exposing import PictureScene, check_plan, frames, snr_db
 from blurnoise_eval.run.merging import merge
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import Store
@@ -23,7 +23,7 @@ from signs_in_memory import BOX, CAMERA, matched_detector, noise, picture, pictu
 
 from blurnoise import AutoExposure, Exposure, photoelectrons
 from blurnoise.camera.captures import Capture, longest_first_s, staggered, windows
-from blurnoise.light.flicker import Pwm
+from blurnoise.light.lamp import Pwm
 
 HDR = CAMERA.with_figures(captures=staggered(16))
 ROLLING = CAMERA.with_figures(row_time_s=2e-5, shutter="rolling")
@@ -33,7 +33,7 @@ LIT = {"illuminance_lux": 300.0}
 
 def exposed(image, shown=None, **settings):
     """The scene of a picture under a plan with these settings."""
-    return Scene(image, replace(usual_plan(), **settings), shown)
+    return PictureScene(image, replace(usual_plan(), **settings), shown)
 
 
 def framed(scene, at, camera, seed=3, repeat=0):
@@ -86,7 +86,7 @@ def test_it_sees_lamps_as_simulate_does(tmp_path, capsys):
     # the mask's file has 8 bits, and so the light of its edge is another by up to 0.2 %
     seen = simulated(tmp_path, words, given).astype(int)
     assert np.abs(seen - frame.image).max() <= 2
-    dark = framed(Scene(sign(), picture=picture("p")), at, camera)
+    dark = framed(PictureScene(sign(), picture=picture("p")), at, camera)
     assert np.abs(seen - dark.image).mean() > 2
 
 
@@ -94,7 +94,7 @@ def test_a_path_goes_on_to_the_last_capture(tmp_path, capsys):
     expected = simulated(tmp_path, "--camera imx250 --exposure-ms 8 --lux 300 --trajectory shake:9 --hdr 2")
     at = {"exposure_s": 0.008, **LIT}
     plan = SweepPlan({name: (value,) for name, value in at.items()}, trajectory="shake:9")
-    frame = framed(Scene(sign(), plan), at, CAMERA.with_figures(captures=staggered(2)))
+    frame = framed(PictureScene(sign(), plan), at, CAMERA.with_figures(captures=staggered(2)))
     np.testing.assert_array_equal(frame.image, expected)
 
 
@@ -271,7 +271,7 @@ def test_a_cell_of_the_run_is_taken_again(run):
     """As the explorer shows it: the phase of its repeat, and all captures."""
     explored = Run.open(run, trust=True)
     cell = explored.cell(image="a", repeat=7, exposure_s=0.003)
-    frame = explored.expose(Scene(sign(), explored.plan, picture("a")), cell)
+    frame = explored.expose(PictureScene(sign(), explored.plan, picture("a")), cell)
     assert frame.exposure.lamp == Pwm(90.0, 0.1, 0.7)
     assert len(frame.exposure.camera.sensor.captures) == 2
 

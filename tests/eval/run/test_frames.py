@@ -8,7 +8,7 @@ import torch
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.objects import Objects
-from blurnoise_eval.run.exposing import Scene, frames, snr_db
+from blurnoise_eval.run.exposing import PictureScene, frames, snr_db
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from commands import main, stated
 from plans import plan as swept
@@ -24,7 +24,7 @@ SMALL_WELL = CAMERA.with_figures(full_well_e=0.3 * CAMERA.sensor.full_well_e)
 
 
 def frame_of(image, at, camera=CAMERA, seed=3, plan=None):
-    return next(frames(Scene(image, plan), [Cell("p", 0, at, seed)], camera))
+    return next(frames(PictureScene(image, plan), [Cell("p", 0, at, seed)], camera))
 
 
 def simulated(image, camera, seed, **conditions):
@@ -42,7 +42,7 @@ def grey(reflectance_srgb):
 @pytest.mark.parametrize(("lux", "limited"), [(5000.0, False), (0.02, True)])
 def test_the_camera_sets_time_first_then_gain(lux, limited):
     """Where no limit is reached the mean of the linear picture is the meter's target, 18 %."""
-    scene = Scene(grey(150))
+    scene = PictureScene(grey(150))
     (frame,) = frames(scene, [Cell("p", 0, Conditions(**AUTO, illuminance_lux=lux), 3)], CAMERA)
     setting = AutoExposure().setting(CAMERA, mean_light=scene.mean_light(CAMERA), illuminance_lux=lux)
     given = {"exposure_s": frame.exposure.exposure_s, "gain_db": frame.exposure.gain_db}

@@ -5,7 +5,7 @@ import pytest
 from blurnoise_eval.answers.plane import direction_of, same_places
 from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
-from blurnoise_eval.run.exposing import Scene, frames
+from blurnoise_eval.run.exposing import PictureScene, frames
 from blurnoise_eval.run.search_space import FLOOR, Line, SearchSpace, conditions_at, lattice, what_breaks
 from signs_in_memory import CAMERA as SMALL_CAMERA
 from signs_in_memory import picture, sign
@@ -73,7 +73,7 @@ def test_conditions_stand_at_their_place_and_near_a_line(lines):
 @pytest.mark.parametrize("captures", [(), staggered(4)])
 def test_equal_light_and_motion_are_equal_frames(captures):
     """Powers of two leave nothing to rounding, so every value is the same."""
-    scene, seed = Scene(sign()), cell_seed(0, picture("a").name, 0)
+    scene, seed = PictureScene(sign()), cell_seed(0, picture("a").name, 0)
     every = [
         Conditions(exposure_s=s, illuminance_lux=2 / s, velocity_x_px_s=5 / s, gain_db=6.0)
         for s in (2.0**-9, 2.0**-6, 2.0**-3)

@@ -34,7 +34,7 @@ from signs_in_memory import BOX, CAMERA, PLAN, TWO, everything, noise, picture, 
 
 from blurnoise import simulate
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.scene import scene
+from blurnoise.scene import take as taking
 from blurnoise.sensor import readout as sensor
 
 EVERY_EFFECT = CAMERA.with_figures(
@@ -60,7 +60,7 @@ def test_cell_is_what_simulate_and_the_detector_give(detector, tmp_path, monkeyp
 
     with Store(tmp_path, create=True) as store:
         with monkeypatch.context() as patch:
-            patch.setattr(scene, "digitised", watched)
+            patch.setattr(taking, "digitised", watched)
             compute([detector], camera, picture_set(picture("p", lambda: image)), plan, store)
         cells = [cell for cell in store.cells() if not cell.conditions.original]
         assert len(cells) == len(developed) == sum(bool(cell.example) for cell in cells) == 12

@@ -8,7 +8,7 @@ import pytest
 from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.plan.conditions import Cell, Conditions
-from blurnoise_eval.run.exposing import Scene, frames
+from blurnoise_eval.run.exposing import PictureScene, frames
 from blurnoise_eval.scoring.boxes import swept_within
 from blurnoise_eval.scoring.evaluated import Evaluated, Truth
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
@@ -16,7 +16,7 @@ from blurnoise_eval.scoring.on_picture import View
 from numpy.typing import NDArray
 
 from blurnoise import Camera
-from blurnoise.scene.scene import Exposure
+from blurnoise.scene.exposure import Exposure
 
 CAMERA = Camera.preset("imx250")
 SIDE_PX, BOX = 20, (130.0, 60.0, 150.0, 80.0)
@@ -52,7 +52,7 @@ class Fake:
 
 
 def answers(found, velocity_px_s):
-    scene, picture = Scene(square()), Picture("p", (Target("square", "squares", BOX),), square, "p")
+    scene, picture = PictureScene(square()), Picture("p", (Target("square", "squares", BOX),), square, "p")
     x, y = velocity_px_s
     at = Conditions(exposure_s=EXPOSURE_S, illuminance_lux=LUX, velocity_x_px_s=x, velocity_y_px_s=y)
     (frame,) = frames(scene, [Cell("p", 0, at, 7)], CAMERA)

@@ -1,4 +1,4 @@
-"""Flicker: lamps dimmed by pulses (PWM), whose light in an exposure depends on the phase.
+"""Pulsed lamps (PWM), whose light in an exposure depends on the phase: flicker.
 
 Domain: Hz, s; duty D is the share of a period 1/f in which the lamp is on; phase in periods, [0, 1): how far into its
 period, which begins with the pulse, the lamp is when the first capture begins. The light factor of an exposure is
@@ -8,6 +8,7 @@ that illuminance stays the average. Probabilities are over random phase. IEEE St
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -23,6 +24,7 @@ from blurnoise._core.checks import (
     limited,
     limited_per_image,
     real_tensor,
+    shown,
     within,
 )
 
@@ -78,30 +80,13 @@ class Pwm:
         return whole * self.duty + (periods - whole).clamp(max=self.duty)
 
 
-@dataclass(frozen=True)
-class Flicker:
-    """A pulsed lamp that lights the scene, or is part of it, within ``mask`` (H, W).
-
-    mask: share of the light that comes from the lamp, 0 to 1; None: all of it.
-    """
-
-    pwm: Pwm
-    mask: Tensor | None = None
-
-    def factors(
-        self, size: tuple[int, int], exposure_s: Tensor | float, start_s: Tensor | float = 0.0
-    ) -> Tensor:
-        """Factors (H, W) or (H, 1) on the light of a picture (H, W), whose exposure starts ``start_s`` after phase.
-
-        exposure_s, start_s: one for all or one for each row, (H,). Raises ``TypeError`` or ``ValueError`` naming the
-        argument.
-        """
-        rows = self.pwm.factor(exposure_s, start_s).expand(size[0])[:, None]
-        if self.mask is None:
-            return rows
-        mask = real_tensor("mask", self.mask)
-        if mask.shape != size:
-            raise ValueError(f"mask: shape is {tuple(mask.shape)}; must be the picture's, {size}")
-        if not bool(((mask >= 0) & (mask <= 1)).all()):
-            raise ValueError("mask: must lie within [0, 1]")
-        return 1 + mask * (rows.to(mask) - 1)
+def per_picture(lamp: Pwm | Sequence[Pwm | None] | None, batch: int) -> tuple[Pwm | None, ...]:
+    """A lamp or None for each picture of a batch; () if all are None. Raises ``TypeError`` or ``ValueError``."""
+    if lamp is None:
+        return ()
+    lamps = (lamp,) * batch if isinstance(lamp, Pwm) else lamp
+    if not isinstance(lamps, Sequence) or not all(isinstance(one, Pwm | None) for one in lamps):
+        raise TypeError(f"lamp = {shown(lamp)}: must be a Pwm, or a sequence of one or None for each picture")
+    if len(lamps) != batch:
+        raise ValueError(f"lamp: got {len(lamps)} for a batch of {batch}; must be one per picture")
+    return tuple(lamps) if any(lamps) else ()

@@ -1,0 +1,23 @@
+"""Digital numbers of scenes in linear light, which may exceed white: ``take`` with the arguments of an exposure."""
+
+import torch
+
+from blurnoise import Exposure, Scene, TakeOptions, take
+
+
+def raw_frames(
+    light, camera, captures=None, *, noise=True, quantised=True, lamp_mask=None, generator=(0,), **values
+):
+    """The frames of every capture of a scene, or of light (B, C, H, W)."""
+    scene = light if isinstance(light, Scene) else Scene(light, lamp_mask=lamp_mask)
+    camera = camera if captures is None else camera.with_figures(captures=tuple(captures))
+    exposure = Exposure(camera, **batched(values, len(scene.light)), seed=list(generator))
+    return take(scene, exposure, TakeOptions(("raw",), noise=noise, quantised=quantised)).raw
+
+
+def batched(values, batch):
+    """The values of an exposure, its numbers as tensors (B,)."""
+    return {
+        name: torch.full((batch,), value, dtype=torch.float64) if isinstance(value, float) else value
+        for name, value in values.items()
+    }
