@@ -24,9 +24,9 @@ from blurnoise.camera import Camera
 from blurnoise.motion.ego import Vehicle
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import AutoExposure
-from blurnoise.training.arrays import CHANNELS, Array, exposed
+from blurnoise.training.arrays import CHANNELS, Array, expose_numpy
 from blurnoise.training.augmentation import OverConditions
-from blurnoise.training.labels import boxes_after, keypoints_after, pixels_after, taken
+from blurnoise.training.labels import boxes_after, keypoints_after, of_targets, pixels_after
 from blurnoise.training.ranges import Cameras, Draws, ExposureRanges
 from blurnoise.training.table import Condition, ExposureTable
 
@@ -36,41 +36,13 @@ except ImportError:
     SampledParams = None
 
 _TARGETS = (
-    "IMAGE",
-    "IMAGES",
-    "MASK",
-    "MASKS",
-    "BBOXES",
-    "KEYPOINTS",
-    "VOLUME",
-    "VOLUMES",
-    "MASK3D",
-    "MASKS3D",
-)
+    "IMAGE", "IMAGES", "MASK", "MASKS", "BBOXES", "KEYPOINTS", "VOLUME", "VOLUMES", "MASK3D", "MASKS3D",
+)  # fmt: skip
 _RECORDS: dict[str, type] = {"camera": Camera, "gain_db": AutoExposure, "vehicle": Vehicle}
 """Arguments that ``A.to_dict`` writes as mappings."""
 
 
-class _Sampled(DualTransform):  # type: ignore[misc]  # mypy does not follow albumentations
-    """A transform whose parameters are those of :meth:`drawn_for`, by the method that the library calls."""
-
-    if SampledParams is None:
-
-        def get_params_dependent_on_data(self, params: Any, data: dict[str, Any]) -> dict[str, Any]:
-            """The parameters of a call, for albumentations 2.0."""
-            return self.drawn_for(data, self.random_generator)
-    else:
-
-        def sample_parameters(self, params: Any, data: dict[str, Any], targets: Any, sampling: Any) -> Any:
-            """The parameters of a call, for AlbumentationsX."""
-            return SampledParams(params=self.drawn_for(data, sampling.random_generator))
-
-    def drawn_for(self, data: dict[str, Any], generator: np.random.Generator) -> dict[str, Any]:
-        """The parameters of one call."""
-        raise NotImplementedError
-
-
-class RandomExposure(OverConditions, _Sampled):
+class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # mypy does not follow albumentations
     """:class:`blurnoise.RandomExposure` for albumentations, with the same ranges, ``p`` and defaults.
 
     Boxes, keypoints and masks are as at mid-exposure (:mod:`blurnoise.training.labels`); ``grow_boxes`` grows boxes
@@ -89,30 +61,30 @@ class RandomExposure(OverConditions, _Sampled):
 
     def __init__(
         self,
-        camera: Cameras | Mapping[str, Any] = ExposureRanges.camera,
+        camera: Cameras | Mapping[str, Any] | None = None,
         *,
         channels: str = "rgb",
-        table: Mapping[str, Any] | None = None,
+        table: ExposureTable | Mapping[str, Any] | None = None,
         p: float = 0.5,
         **options: Any,
     ) -> None:
         super().__init__(p=in_range("p", p, 0.0, 1.0))
         self.channels = one_of("channels", channels, CHANNELS)
-        self.set_conditions(**_opened({"camera": camera, **options}))
-        if table is not None:
-            self.ranges = _table(table)
+        opened = table if table is None or isinstance(table, ExposureTable) else _table(table)
+        self.set_conditions(**_opened({"camera": camera, **options}), table=opened)
 
     def get_transform_init_args(self) -> dict[str, Any]:
         """The arguments of the transform, as albumentations displays, saves and replays them."""
-        held = {each.name: _plain(getattr(self.ranges, each.name)) for each in fields(self.ranges)}  # type: ignore[arg-type]
-        ranges = held if isinstance(self.ranges, ExposureRanges) else {"table": held}
+        source: Any = self.ranges
+        values = {field.name: _plain(getattr(source, field.name)) for field in fields(source)}
+        ranges = values if isinstance(source, ExposureRanges) else {"table": values}
         return {**ranges, **_plain(self.flags), "channels": self.channels}
 
     @classmethod
     def _get_valid_config_keys(cls) -> frozenset[str]:
         """Arguments that AlbumentationsX reports of an applied transform, the ranges included."""
         flags = {"encoding", "fidelity", "grow_boxes", "channels", "table", "p"}
-        return frozenset({each.name for each in fields(ExposureRanges)} | flags)
+        return frozenset({field.name for field in fields(ExposureRanges)} | flags)
 
     def __repr__(self) -> str:
         return f"RandomExposure({self.ranges}, p={self.p:g})"
@@ -122,8 +94,8 @@ class RandomExposure(OverConditions, _Sampled):
         worker = get_worker_info() if SampledParams is None else None  # AlbumentationsX does it itself
         if worker is not None and worker.seed != self._worker_seed:
             self._worker_seed = worker.seed
-            own = rng.derived(int(self.random_generator.integers(2**63)), f"worker {worker.seed}")
-            self.set_random_state(np.random.default_rng(own), random.Random(own))
+            seed = rng.derived(int(self.random_generator.integers(2**63)), f"worker {worker.seed}")
+            self.set_random_state(np.random.default_rng(seed), random.Random(seed))
         return super().__call__(*args, **data)
 
     def add_targets(self, additional_targets: dict[str, str]) -> None:
@@ -133,15 +105,26 @@ class RandomExposure(OverConditions, _Sampled):
             if of == "image" and name in self._key2func:
                 self._key2func[name] = partial(self.apply, stream=name)
 
-    def drawn_for(self, data: dict[str, Any], generator: np.random.Generator) -> dict[str, Any]:
-        """The conditions and noise seed, (1,) each, and the masks, if something is done with them."""
+    if SampledParams is None:
+
+        def get_params_dependent_on_data(self, params: Any, data: dict[str, Any]) -> dict[str, Any]:
+            """The parameters of a call, for albumentations 2.0."""
+            return self._drawn_for(data, self.random_generator)
+    else:
+
+        def sample_parameters(self, params: Any, data: dict[str, Any], targets: Any, sampling: Any) -> Any:
+            """The parameters of a call, for AlbumentationsX."""
+            return SampledParams(params=self._drawn_for(data, sampling.random_generator))
+
+    def _drawn_for(self, data: dict[str, Any], generator: np.random.Generator) -> dict[str, Any]:
+        """The conditions and noise seed, (1,) each, and the masks if the conditions use them."""
         numbers = generator.random((1, self.ranges.draws), dtype=np.float32)
         drawn = dict(self.ranges.conditions(torch.from_numpy(numbers)))
         drawn["noise_seed"] = torch.from_numpy(generator.integers(2**63 - 1, size=1))
-        masks = data.get("masks")
-        found = [*(() if masks is None else masks), *([] if data.get("mask") is None else [data["mask"]])]
-        if found and self.ranges.uses_masks:
-            planes = [each.reshape(*each.shape[:2], -1).max(-1) for each in map(np.asarray, found)]
+        masks = [] if data.get("masks") is None else [*data["masks"]]
+        masks += [] if data.get("mask") is None else [data["mask"]]
+        if masks and self.ranges.uses_masks:
+            planes = [mask.reshape(*mask.shape[:2], -1).max(-1) for mask in map(np.asarray, masks)]
             drawn["masks"] = torch.from_numpy(np.stack(planes).astype(np.float32))[None]
         return {"drawn": drawn, "ranges": self.ranges}
 
@@ -160,12 +143,17 @@ class RandomExposure(OverConditions, _Sampled):
             return images
         seed = int(drawn["noise_seed"])
         noise = torch.Generator().manual_seed(rng.derived(seed, stream) if stream else seed)
-        conditions = ranges.arguments(drawn, [0] * len(images))
-        conditions["generator"] = rng.item_seeds(noise, len(images))
-        flags = {name: self.flags[name] for name in ("encoding", "fidelity")}
-        batch = images if images.ndim == 4 else images[..., None]
-        found: Array = exposed(batch, channels=self.channels, **conditions, **flags).reshape(images.shape)
-        return found
+        items = [0] * len(images)
+        exposed = expose_numpy(
+            images if images.ndim == 4 else images[..., None],
+            ranges.exposures(drawn, items, rng.item_seeds(noise, len(images)), torch.float32),
+            channels=self.channels,
+            masks=drawn["masks"][items] if "masks" in drawn else None,
+            lamp_lights=ranges.lamp_lights,
+            encoding=self.flags["encoding"],
+            fidelity=self.flags["fidelity"],
+        )
+        return exposed.reshape(images.shape)
 
     def apply_to_bboxes(self, bboxes: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
         """The boxes (N, 4 and more) in shares of the image's sides, at mid-exposure, grown if asked for."""
@@ -175,7 +163,9 @@ class RandomExposure(OverConditions, _Sampled):
         height, width = params["shape"][:2]
         sides, out = np.array([width, height, width, height], float), bboxes.copy()
         edges = torch.from_numpy(bboxes[:, :4].astype(float) * sides)[None]
-        out[:, :4] = boxes_after(edges, taken(drawn, ranges), (height, width), grow=grow)[0].numpy() / sides
+        out[:, :4] = (
+            boxes_after(edges, _of_targets(drawn, ranges), (height, width), grow=grow)[0].numpy() / sides
+        )
         return out
 
     def apply_to_keypoints(
@@ -184,8 +174,9 @@ class RandomExposure(OverConditions, _Sampled):
         """The keypoints (N, 2 and more) at mid-exposure."""
         out = keypoints.copy()
         if self._moves_labels and len(keypoints):
-            places = torch.from_numpy(keypoints[:, :2].astype(float))[None]
-            out[:, :2] = keypoints_after(places, taken(drawn, ranges), params["shape"][:2])[0].numpy()
+            points = torch.from_numpy(keypoints[:, :2].astype(float))[None]
+            moved = keypoints_after(points, _of_targets(drawn, ranges), params["shape"][:2])
+            out[:, :2] = moved[0].numpy()
         return out
 
     def apply_to_mask(self, mask: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
@@ -196,35 +187,37 @@ class RandomExposure(OverConditions, _Sampled):
     def apply_to_masks(self, masks: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
         """The masks (N, H, W) or (N, H, W, C) at mid-exposure."""
         masks = np.asarray(masks)
-        of = pixels_after(self._taken_by(drawn, ranges), masks.shape[1:3]) if self._moves_labels else None
-        if of is None or not len(masks):
+        if not self._moves_labels or not len(masks):
             return masks
-        row, column, inside = of
+        pixels = pixels_after(_of_targets(drawn, ranges)[0], masks.shape[1:3])
+        if pixels is None:
+            return masks
+        row, column, inside = pixels
         inside = inside[..., None] if masks.ndim == 4 else inside
         moved: Array = np.where(inside, masks[:, row, column], np.zeros((), masks.dtype))
         return moved
 
     apply_to_mask3d = apply_to_masks
 
-    @staticmethod
-    def _taken_by(drawn: dict[str, Any], ranges: Draws) -> Exposure:
-        (exposure,) = taken(drawn, ranges)
-        return exposure
+
+def _of_targets(drawn: dict[str, Any], ranges: Draws) -> list[Exposure]:
+    """The exposure of the targets, as a list of one."""
+    return of_targets(ranges.exposures(drawn), drawn.get("masks"))
 
 
 def _plain(value: Any) -> Any:
-    """Arguments as mappings, lists and numbers, which JSON and YAML hold."""
+    """Records as mappings and tuples as lists, so that JSON and YAML can hold them."""
     if isinstance(value, Camera):
         return value.to_dict()
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
     if isinstance(value, Mapping):
         return {name: _plain(each) for name, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, (tuple, list)) else value
+    return [_plain(item) for item in value] if isinstance(value, (tuple, list)) else value
 
 
 def _opened(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments whose records may be mappings."""
+    """Arguments with records in place of their mappings."""
     return {
         name: _record(_RECORDS[name], given) if name in _RECORDS else given
         for name, given in arguments.items()
@@ -233,12 +226,12 @@ def _opened(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 def _record(kind: type, given: Any) -> Any:
     if isinstance(given, (list, tuple)):
-        return [_record(kind, each) for each in given]
+        return [_record(kind, one) for one in given]
     if not isinstance(given, Mapping):
         return given
     return Camera.from_dict(given) if kind is Camera else kind(**given)
 
 
-def _table(held: Mapping[str, Any]) -> ExposureTable:
-    rows = tuple(Condition(*row) for row in held["rows"])
-    return ExposureTable(**{**_opened(held), "rows": rows})
+def _table(saved: Mapping[str, Any]) -> ExposureTable:
+    rows = tuple(Condition(*row) for row in saved["rows"])
+    return ExposureTable(**{**_opened(saved), "rows": rows})

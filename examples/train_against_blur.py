@@ -7,7 +7,7 @@ what both make of 200 others, clean, and dark and blurred.
 import torch
 from torch import Tensor, nn
 
-from blurnoise import AutoExposure, RandomExposure, charts, expose_pictures
+from blurnoise import AutoExposure, Camera, Exposure, RandomExposure, charts, expose_pictures
 from blurnoise.camera.colour import srgb_from_linear
 
 SIDE = 48
@@ -49,15 +49,14 @@ def trained(augment: nn.Module, seen: Tensor, is_sign: Tensor) -> nn.Module:
 
 
 train, test = pictures(400, seed=1), pictures(200, seed=2)
-hard = expose_pictures(  # 15 px of blur, and hardly any light
-    test[0],
-    "imx250",
+dark_and_blurred = Exposure(  # 15 px of blur, and hardly any light
+    Camera.preset("imx250"),
     exposure_s=0.02,
     illuminance_lux=0.3,
-    speed_px_s=750.0,
+    velocity_px_s=(750.0, 0.0),
     gain_db=AutoExposure(),
-    generator=[*range(200)],
 )
+hard = expose_pictures(test[0], dark_and_blurred)
 expose = RandomExposure(
     exposure_s=(0.002, 0.03), illuminance_lux=(0.2, 100.0), speed_px_s=(0.0, 800.0), gain_db="auto", p=0.7
 )

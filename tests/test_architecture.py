@@ -27,6 +27,12 @@ OF_THE_WHOLE_TREE = {
 }
 """Tests that belong to no package, in tests/ itself."""
 LONGEST_LINES = 450
+MOST_PARAMETERS = 10
+WITH_MORE_PARAMETERS = {
+    "blurnoise.scene.simulate.simulate",  # a keyword for each condition, for those who know no record yet
+    "blurnoise.scene.plan.plan",
+}
+"""Functions that may have more; commands may, too: their parameters are the arguments and options of the command."""
 
 FLOORS: dict[str, list[set[str]]] = {
     "blurnoise": [
@@ -170,6 +176,26 @@ def test_no_file_is_too_long():
     assert not {name: length for name, length in lengths.items() if length > LONGEST_LINES}
 
 
+def test_what_travels_together_is_a_record():
+    """No function takes a list of keywords that a record should hold."""
+    long = {
+        f"{module}.{name}"
+        for module, path in SOURCES.items()
+        for name, count in parameters(path.read_text(encoding="utf-8"))
+        if count > MOST_PARAMETERS and module != f"blurnoise_eval.cli.{name}"
+    }
+    assert long <= WITH_MORE_PARAMETERS
+
+
+def parameters(source):
+    """Each function of a source with the number of its parameters."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef):
+            given = node.args
+            names = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+            yield node.name, len([name for name in names if name not in ("self", "cls")])
+
+
 def test_packages_are_typed_and_project_folders_are_none():
     """In the simulator's root stand ``charts``, which goes with the metrics, and a door of training."""
     assert all((folder / "py.typed").is_file() for folder in PACKAGES.values())
@@ -212,6 +238,11 @@ def test_a_circle_is_seen_however_it_is_imported(tmp_path, back):
     found = imports_of.graph(imports_of.modules("p", tmp_path))
     assert imports_of.circles(found) == [["p.a", "p.b", "p.c"]]
     assert ["e", "f"] in imports_of.circles(imports_of.rooms(found)["p"])
+
+
+def test_parameters_are_counted():
+    """Of methods, and those by keyword alone; not those that are collected."""
+    assert dict(parameters("class A:\n def f(self, a, /, b=1, *c, d, **e): ...")) == {"f": 3}
 
 
 def test_what_prints_or_asks_a_database_is_seen():

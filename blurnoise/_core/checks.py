@@ -16,7 +16,7 @@ from typing import Annotated, Any, NamedTuple, cast, get_args, get_type_hints
 
 import numpy as np
 import torch
-from annotated_types import Interval
+from annotated_types import GroupedMetadata, Interval
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from torch import Tensor
 from torch._subclasses.fake_tensor import FakeTensor
@@ -47,27 +47,11 @@ _LIMITS = {
     "shake_px": Limit(0.0, 1e4),
     "variation_px": Limit(0.0, 1e6),
     "direction_deg angle_deg": Limit(-1e6, 1e6),  # to a tenth of a degree in single precision
-    "temperature_c dark_reference_c": Limit(ABSOLUTE_ZERO_C, 300.0),
+    "temperature_c": Limit(ABSOLUTE_ZERO_C, 300.0),
     "gain_db": Limit(-120.0, 120.0),
     "tolerance_dn": Limit(0.0, 65536.0, above=True),
     "white_e": Limit(0.0, 1e32),  # electrons of white, or per photon
-    # cameras
-    "pixel_pitch_um": Limit(0.1, 1000.0),
-    "f_number": Limit(0.5, 256.0),  # in air no lens is below 0.5
-    "full_well_e": Limit(1.0, 1e12),
-    "system_gain_dn_per_e": Limit(1e-9, 1e9),
-    "read_noise_e row_noise_e column_noise_e dsnu_e dsnu_row_e dsnu_column_e": Limit(0.0, 1e6),
-    "analogue_gain_max_db gain_max_db from_db": Limit(0.0, 120.0),
-    "dark_current_e_s": Limit(0.0, 1e9),
-    "dark_doubling_c": Limit(1.0, 1000.0),
-    "black_level_dn black_level_drift_dn": Limit(0.0, 65536.0),
-    "prnu prnu_row prnu_column": Limit(0.0, 1.0),
-    "diffraction_wavelength_um": Limit(0.0, 20.0),  # thermal infrared included
-    "row_time_s": Limit(0.0, 1.0),
     # lenses and blurs
-    "field_curvature_px": Limit(-50.0, 50.0),
-    "lateral_red lateral_blue": Limit(-0.1, 0.1),  # of the magnification
-    "falloff_power": Limit(0.0, 16.0),  # of the field angle's cosine
     "focal_px": Limit(0.0, 1e9, above=True),
     "coefficient centre_px": Limit(-1e6, 1e6),
     "radius_px defocus_radius_px gaussian_sigma_px diffraction_lambda_n_px": Limit(0.0, 1000.0),
@@ -102,7 +86,8 @@ _LIMITS = {
 }
 LIMITS: Mapping[str, Limit] = {name: limit for names, limit in _LIMITS.items() for name in names.split()}
 """By the argument's name, in its unit: beyond anything that is built or seen, and within what single precision and
-bounded time and memory can do. The axes of sweeps have theirs in ``blurnoise_eval``; a test compares the two."""
+bounded time and memory can do. Figures of cameras have theirs where they are defined, in the records of
+``blurnoise.camera``."""
 LARGEST_PICTURE = 1 << 28
 """Pixels of a picture that is made."""
 DRAWN_FROM: Mapping[str, float] = {"exposure_s": 1e-9, "illuminance_lux": 1e-6, "white_e": 1e-3}
@@ -345,9 +330,9 @@ _MUST = {
 }
 
 
-def within(name: str) -> Interval:
-    """The limit of a field, for its annotation."""
-    low, high, above = LIMITS[name]
+def within(limit: str | Limit) -> Interval:
+    """A limit, or that of an argument's name, for the annotation of a field."""
+    low, high, above = LIMITS[limit] if isinstance(limit, str) else limit
     return Interval(gt=low, le=high) if above else Interval(ge=low, le=high)
 
 
@@ -401,7 +386,11 @@ def _first_fault(error: ValidationError, given: Mapping[str, object], model: typ
     entry, rule, context = model.model_fields[name], fault["type"], fault.get("ctx", {})
     value = fault["input"] if below else given[name]
     of_entries = [limit for kind in get_args(entry.annotation) for limit in getattr(kind, "__metadata__", ())]
-    limits = of_entries if below else entry.metadata
+    limits = [
+        limit
+        for group in (of_entries if below else entry.metadata)
+        for limit in (group if isinstance(group, GroupedMetadata) else [group])
+    ]
     if rule == "value_error":  # of a validator of ours, whose message is complete, or begins with "must"
         text = str(context["error"])
         return ValueError(f"{name} = {shown(given[name])}: {text}" if text.startswith("must") else text)

@@ -21,6 +21,7 @@ from blurnoise._core.checks import integer, known, one_of, shown
 from blurnoise._core.files import read_document, read_samples
 from blurnoise._core.writing import write_whole
 from blurnoise.camera.colour import FilterCurves, marked
+from blurnoise.camera.figures import figures_of
 from blurnoise.camera.isp import Isp
 from blurnoise.camera.lens import Lens
 from blurnoise.camera.sensor import Sensor
@@ -35,17 +36,28 @@ RECORDS: Mapping[str, Any] = {"lens": Lens, "sensor": Sensor, "isp": Isp}
 """Fields of the camera to the records that they hold."""
 RECORD_OF = {entry.name: part for part, kind in RECORDS.items() for entry in fields(kind)}
 """Names of all figures to the field of the camera that holds them."""
-KEYS = (
-    "name", "pixel_pitch_um", "f_number", "transmission", "quantum_efficiency", "full_well_e",
-    "system_gain_dn_per_e", "read_noise_e", "read_noise_post_share", "analogue_gain_max_db", "gain_max_db",
-    "conversion_gains", "gains", "photon_transfer", "captures", "dark_current_e_s", "dark_reference_c",
-    "dark_doubling_c", "row_noise_e", "column_noise_e", "black_level_drift_dn", "prnu", "prnu_row", "prnu_column",
-    "dsnu_e", "dsnu_row_e", "dsnu_column_e", "black_level_dn", "bit_depth", "defocus_radius_px",
-    "defocus_counts_pixel", "diffraction_wavelength_um", "cfa", "white_balance", "demosaic", "ccm", "tone",
-    "jpeg_quality", "width_px", "height_px", "hfov_deg", "row_time_s", "shutter", "scan", "lens", "sources",
+FIGURES = {name: entry for kind in RECORDS.values() for name, entry in figures_of(kind).items()}
+"""Figures that are numbers, with their limits, titles and units."""
+_FLAT = (
+    "pixel_pitch_um", "f_number", "transmission", "quantum_efficiency", "full_well_e", "system_gain_dn_per_e",
+    "read_noise_e", "read_noise_post_share", "analogue_gain_max_db", "gain_max_db", "conversion_gains", "gains",
+    "photon_transfer", "captures", "dark_current_e_s", "dark_reference_c", "dark_doubling_c", "row_noise_e",
+    "column_noise_e", "black_level_drift_dn", "prnu", "prnu_row", "prnu_column", "dsnu_e", "dsnu_row_e",
+    "dsnu_column_e", "black_level_dn", "bit_depth", "defocus_radius_px", "defocus_counts_pixel",
+    "diffraction_wavelength_um", "cfa", "white_balance", "demosaic", "ccm", "tone", "jpeg_quality", "width_px",
+    "height_px", "hfov_deg", "row_time_s", "shutter", "scan",
 )  # fmt: skip
-"""Keys of files, in their order. ``lens`` maps the lens's figures over the field to values, the others are flat."""
-OVER_THE_FIELD = tuple(name for name in RECORD_OF if name not in KEYS)
+# Files list the figures as people look for them, pixel and lens first. A figure that is not listed here still has its
+# place: one of the lens in the mapping, any other after those listed.
+OVER_THE_FIELD = tuple(name for name, part in RECORD_OF.items() if part == "lens" and name not in _FLAT)
+"""Figures of the lens that files have in the mapping ``lens``; the others are flat."""
+KEYS = (
+    "name",
+    *dict.fromkeys((*_FLAT, *(name for name in RECORD_OF if name not in OVER_THE_FIELD))),
+    "lens",
+    "sources",
+)
+"""Keys of files, in their order."""
 _NO_FIGURES = ("name", "captures", "defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality",
                "sources")  # fmt: skip
 

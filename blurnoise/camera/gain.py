@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
-from annotated_types import Ge, Le
-
 from blurnoise._core.checks import Figure, check_fields, shown, within
+from blurnoise.camera.figures import GAIN_DB, GAIN_DN_PER_E, LEVEL_DN, NOISE_E, SHARE, WELL_E
 
 
 @dataclass(frozen=True)
@@ -26,10 +25,10 @@ class ConversionGain:
     read_noise_post_share: of its variance, what arises behind the amplifier. Raises ``TypeError`` or ``ValueError``.
     """
 
-    from_db: Annotated[Figure, within("from_db")]
-    full_well_e: Annotated[Figure, within("full_well_e")]
-    read_noise_e: Annotated[Figure, within("read_noise_e")]
-    read_noise_post_share: Annotated[Figure, Ge(0), Le(1)] = 0.0
+    from_db: Annotated[Figure, within(GAIN_DB)]
+    full_well_e: Annotated[Figure, within(WELL_E)]
+    read_noise_e: Annotated[Figure, within(NOISE_E)]
+    read_noise_post_share: Annotated[Figure, within(SHARE)] = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -43,10 +42,10 @@ class MeasuredGain:
     referred to the input. black_level_dn: offset before rounding. Raises ``TypeError`` or ``ValueError``.
     """
 
-    gain_db: Annotated[Figure, within("from_db")]
-    system_gain_dn_per_e: Annotated[Figure, within("system_gain_dn_per_e")]
-    read_noise_e: Annotated[Figure, within("read_noise_e")]
-    black_level_dn: Annotated[Figure, within("black_level_dn")]
+    gain_db: Annotated[Figure, within(GAIN_DB)]
+    system_gain_dn_per_e: Annotated[Figure, within(GAIN_DN_PER_E)]
+    read_noise_e: Annotated[Figure, within(NOISE_E)]
+    black_level_dn: Annotated[Figure, within(LEVEL_DN)]
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -16,7 +16,8 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Le
 
-from blurnoise._core.checks import Figure, check_fields, shown, within
+from blurnoise._core.checks import LIMITS, Figure, Limit, check_fields, shown, within
+from blurnoise.camera.figures import SHARE, CameraFigure
 from blurnoise.camera.spectra import Floats, check_samples
 from blurnoise.camera.transfer import Mtf
 
@@ -152,37 +153,42 @@ def _column(values: Sequence[float], points: Floats) -> Floats:
 class Lens:
     """The lens of a camera; figures of 0 or None leave their effect out.
 
-    f_number: working.
-    transmission: of lens and atmosphere, 0-1.
-    defocus_radius_px: of the disc to which a point spreads.
-    defocus_counts_pixel: blur by the disc's areas in the pixels, which counts the pixel's own aperture twice; for
-        comparisons only.
-    diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number.
-    hfov_deg: horizontal field of view of a pinhole camera of the same focal length.
-    field_curvature_px: added to defocus_radius_px times the square of the field height, either sign; the radius is
-        what remains without its sign.
-    lateral_red, lateral_blue: by which share the picture of these colours is larger than green's.
-    falloff_power: of the field angle's cosine, natural vignetting (the law's is 4); or relative_illumination,
-        measured.
-    distortion: measured, by a model of OpenCV.
-    mtf: measured, in place of disc and diffraction.
-
     Raises ``TypeError`` or ``ValueError`` naming the figure.
+
+    >>> Lens(f_number=2.8, transmission=0.9, falloff_power=4.0).displaces
+    False
     """
 
-    f_number: Annotated[Figure, within("f_number")]
-    transmission: Annotated[Figure, Ge(0), Le(1)]
-    defocus_radius_px: Annotated[Figure, within("defocus_radius_px")] = 0.0
+    f_number: Annotated[
+        Figure, CameraFigure("f-number", "", Limit(0.5, 256.0))
+    ]  # in air no lens is below 0.5
+    """Working f-number."""
+    transmission: Annotated[Figure, CameraFigure("Transmission", "", SHARE)]
+    """Of lens and atmosphere."""
+    defocus_radius_px: Annotated[Figure, CameraFigure("Defocus", "px", LIMITS["radius_px"])] = 0.0
+    """Radius of the disc to which a point spreads."""
     defocus_counts_pixel: bool = False
-    diffraction_wavelength_um: Annotated[Figure, within("diffraction_wavelength_um")] = 0.0
-    hfov_deg: Annotated[Figure, within("hfov_deg")] = 60.0
-    field_curvature_px: Annotated[Figure, within("field_curvature_px")] = 0.0
-    lateral_red: Annotated[Figure, within("lateral_red")] = 0.0
-    lateral_blue: Annotated[Figure, within("lateral_blue")] = 0.0
-    falloff_power: Annotated[Figure, within("falloff_power")] = 0.0
+    """Blur by the disc's areas in the pixels, which counts the pixel's own aperture twice; for comparisons only."""
+    diffraction_wavelength_um: Annotated[
+        Figure,
+        CameraFigure("Diffraction at", "µm", Limit(0.0, 20.0), span=(0.0, 1.0)),  # thermal infrared included
+    ] = 0.0
+    """Wavelength of the light whose diffraction the lens adds, at its f-number."""
+    hfov_deg: Annotated[Figure, CameraFigure("Field of view", "°", LIMITS["hfov_deg"])] = 60.0
+    """Horizontal field of view of a pinhole camera of the same focal length."""
+    field_curvature_px: Annotated[Figure, CameraFigure("Field curvature", "px", Limit(-50.0, 50.0))] = 0.0
+    """Defocus at the sensor's corner, added to defocus_radius_px with the square of the field height; either sign."""
+    lateral_red: Annotated[Figure, CameraFigure("Lateral colour of red", "", Limit(-0.1, 0.1))] = 0.0
+    lateral_blue: Annotated[Figure, CameraFigure("Lateral colour of blue", "", Limit(-0.1, 0.1))] = 0.0
+    """By which share the picture of this colour is larger than green's."""
+    falloff_power: Annotated[Figure, CameraFigure("Vignetting", "", Limit(0.0, 16.0))] = 0.0
+    """Power of the field angle's cosine, natural vignetting: 4 by the law. In place of relative_illumination."""
     relative_illumination: Annotated[RelativeIllumination | None, _FIGURES] = None
+    """Measured light over the field."""
     distortion: Annotated[Distortion | None, _FIGURES] = None
+    """Measured distortion, by a model of OpenCV."""
     mtf: Annotated[Mtf | None, _FIGURES] = None
+    """Measured transfer function, in place of the disc and diffraction."""
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -18,10 +18,20 @@ from annotated_types import Ge, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import Figure, check_fields, in_range, integer, picture_size, shown, within
+from blurnoise._core.checks import LIMITS, Figure, Limit, check_fields, in_range, integer, picture_size, shown
 from blurnoise.camera import colour, gain
 from blurnoise.camera.captures import Capture
 from blurnoise.camera.colour import Cfa, FilterCurves
+from blurnoise.camera.figures import (
+    GAIN_DB,
+    GAIN_DN_PER_E,
+    LEVEL_DN,
+    NOISE_E,
+    SHARE,
+    WELL_E,
+    CameraFigure,
+    figures_of,
+)
 from blurnoise.camera.gain import ConversionGain, MeasuredGain
 from blurnoise.camera.spectra import Curve
 
@@ -29,82 +39,101 @@ _Side = Annotated[int, Ge(1), Le(1 << 20)]
 _Share = Annotated[float, Ge(0), Le(1)]
 _VarianceFactor = Annotated[float, Ge(0), Le(100)]
 PhotonTransfer = tuple[tuple[_Share, _VarianceFactor], ...]
-DARK_NOISE = ("read_noise_e", "row_noise_e", "column_noise_e")
-"""Figures of temporal noise that every pixel has whatever its charge, e- rms: what threshold and range rest on."""
 PRNU = ("prnu", "prnu_row", "prnu_column")
 DSNU = ("dsnu_e", "dsnu_row_e", "dsnu_column_e")
-"""Figures of the fixed pattern, of single pixels, whole rows and whole columns."""
+"""Figures of the fixed pattern: of single pixels, whole rows and whole columns."""
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """Pixels and converter of a camera.
+    """Pixels and converter of a camera. Raises ``ValueError`` or ``TypeError`` naming the field.
 
-    pixel_pitch_um: side of the square pixel.
-    quantum_efficiency: electrons per photon, IR-cut included: a number over 400-700 nm or a :class:`Curve`; of a
-        mosaic :class:`blurnoise.camera.colour.FilterCurves`.
-    full_well_e: saturation capacity.
-    system_gain_dn_per_e: K, digital numbers per electron.
-    read_noise_e: rms in the dark.
-    read_noise_post_share: share of its variance that arises after the amplifier.
-    analogue_gain_max_db, gain_max_db: largest gain before the converter, and in all.
-    conversion_gains: figures from the gain on at which the pixel switches to another conversion gain.
-    gains: figures measured at increasing gains, in place of conversion_gains and read_noise_post_share; a row at 0 dB
-        repeats the sensor's own figures.
-    photon_transfer: points (signal_share, variance_factor), shares increasing: mean signal above black over clip_dn -
-        black_level_dn, and the variance of photo noise relative to the linear model; constant beyond the ends.
-    captures: of an HDR picture; none: one exposure.
-    dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c.
-    row_noise_e, column_noise_e: rms, one value for each row (column) and frame, added to every pixel's read noise.
-    black_level_drift_dn: rms, one offset for each frame.
-    prnu, prnu_row, prnu_column: fixed gain of single pixels, whole rows and whole columns, a fraction.
-    dsnu_e, dsnu_row_e, dsnu_column_e: fixed offset, rms, likewise.
-    black_level_dn: offset before rounding.
-    bit_depth: of the converter.
-    cfa: the mosaic. "none": a sensor for each colour of a picture, all with the same quantum efficiency; "mono": one
-        plane of light, which comes out grey.
-    width_px, height_px: a picture of another size is the sensor's largest part of its shape.
-    row_time_s: between the exposures of two rows.
-    shutter: "rolling": each row is exposed row_time_s after the one before, from the top "down" or "up" (scan);
-        "global-reset": all begin together, and each ends row_time_s after the one before, hence is brighter.
-
-    Raises ``ValueError`` or ``TypeError`` naming the field.
+    >>> sensor = Sensor(3.45, 0.6, full_well_e=10500.0, system_gain_dn_per_e=0.39, read_noise_e=2.4)
+    >>> sensor.full_scale_dn, round(sensor.snr_max_db, 1)
+    (4095, 40.2)
     """
 
-    pixel_pitch_um: Annotated[Figure, within("pixel_pitch_um")]
+    pixel_pitch_um: Annotated[Figure, CameraFigure("Pixel pitch", "µm", Limit(0.1, 1000.0))]
+    """Side of the square pixel."""
     quantum_efficiency: Figure | Curve | FilterCurves
-    full_well_e: Annotated[Figure, within("full_well_e")]
-    system_gain_dn_per_e: Annotated[Figure, within("system_gain_dn_per_e")]
-    read_noise_e: Annotated[Figure, within("read_noise_e")]
-    read_noise_post_share: Annotated[Figure, Ge(0), Le(1)] = 0.0
-    analogue_gain_max_db: Annotated[Figure, within("analogue_gain_max_db")] = 0.0
-    gain_max_db: Annotated[Figure, within("gain_max_db")] = 48.0
+    """Electrons per photon, IR-cut included: a number over 400-700 nm or a curve; of a mosaic one for each filter."""
+    full_well_e: Annotated[Figure, CameraFigure("Full well", "e-", WELL_E)]
+    """Saturation capacity of a pixel."""
+    system_gain_dn_per_e: Annotated[Figure, CameraFigure("System gain", "DN/e-", GAIN_DN_PER_E)]
+    """K, digital numbers per electron."""
+    read_noise_e: Annotated[
+        Figure, CameraFigure("Read noise", "e-", NOISE_E, span=(0.0, 50.0), dark_noise=True)
+    ]
+    """Rms in the dark."""
+    read_noise_post_share: Annotated[Figure, CameraFigure("Read noise behind the amplifier", "", SHARE)] = 0.0
+    """Share of the read noise's variance that arises after the amplifier."""
+    analogue_gain_max_db: Annotated[Figure, CameraFigure("Largest analogue gain", "dB", GAIN_DB)] = 0.0
+    """Largest gain before the converter."""
+    gain_max_db: Annotated[Figure, CameraFigure("Largest gain", "dB", GAIN_DB)] = 48.0
+    """Largest gain, analogue and digital."""
     conversion_gains: tuple[ConversionGain, ...] = ()
+    """Figures from the gain on at which the pixel switches to another conversion gain."""
     gains: tuple[MeasuredGain, ...] = ()
+    """Figures measured at increasing gains, in place of conversion_gains and read_noise_post_share; a row at 0 dB
+    repeats the sensor's own figures."""
     photon_transfer: Annotated[
         PhotonTransfer, "must be points (signal_share from 0 to 1, variance_factor from 0 to 100)"
     ] = ()
+    """Points of increasing signal_share, the mean signal above black over clip_dn - black_level_dn: the variance of
+    photo noise there relative to the linear model. Constant before the first and beyond the last point."""
     captures: tuple[Capture, ...] = ()
-    dark_current_e_s: Annotated[Figure, within("dark_current_e_s")] = 0.0
-    dark_reference_c: Annotated[Figure, within("dark_reference_c")] = 20.0
-    dark_doubling_c: Annotated[Figure, within("dark_doubling_c")] = 8.0
-    row_noise_e: Annotated[Figure, within("row_noise_e")] = 0.0
-    column_noise_e: Annotated[Figure, within("column_noise_e")] = 0.0
-    black_level_drift_dn: Annotated[Figure, within("black_level_drift_dn")] = 0.0
-    prnu: Annotated[Figure, within("prnu")] = 0.0
-    prnu_row: Annotated[Figure, within("prnu_row")] = 0.0
-    prnu_column: Annotated[Figure, within("prnu_column")] = 0.0
-    dsnu_e: Annotated[Figure, within("dsnu_e")] = 0.0
-    dsnu_row_e: Annotated[Figure, within("dsnu_row_e")] = 0.0
-    dsnu_column_e: Annotated[Figure, within("dsnu_column_e")] = 0.0
+    """Captures of an HDR picture; none: one exposure."""
+    dark_current_e_s: Annotated[
+        Figure, CameraFigure("Dark current", "e-/s", Limit(0.0, 1e9), span=(0.0, 1000.0))
+    ] = 0.0
+    """At dark_reference_c."""
+    dark_reference_c: Annotated[Figure, CameraFigure("Dark current at", "°C", LIMITS["temperature_c"])] = 20.0
+    """Temperature of the sensor to which dark_current_e_s refers."""
+    dark_doubling_c: Annotated[Figure, CameraFigure("Doubles every", "°C", Limit(1.0, 1000.0))] = 8.0
+    """Rise of the temperature that doubles the dark current."""
+    row_noise_e: Annotated[
+        Figure, CameraFigure("Row noise", "e-", NOISE_E, span=(0.0, 50.0), dark_noise=True)
+    ] = 0.0
+    """Rms; one value for each row and frame, added to the read noise of its pixels."""
+    column_noise_e: Annotated[
+        Figure, CameraFigure("Column noise", "e-", NOISE_E, span=(0.0, 50.0), dark_noise=True)
+    ] = 0.0
+    """Rms; one value for each column and frame."""
+    black_level_drift_dn: Annotated[
+        Figure, CameraFigure("Black level drift", "DN", LEVEL_DN, span=(0.0, 50.0))
+    ] = 0.0
+    """Rms; one offset for each frame."""
+    prnu: Annotated[Figure, CameraFigure("PRNU", "", SHARE, span=(0.0, 0.05))] = 0.0
+    """Fixed gain of single pixels, rms relative to the mean."""
+    prnu_row: Annotated[Figure, CameraFigure("PRNU of rows", "", SHARE, span=(0.0, 0.05))] = 0.0
+    """Fixed gain of whole rows."""
+    prnu_column: Annotated[Figure, CameraFigure("PRNU of columns", "", SHARE, span=(0.0, 0.05))] = 0.0
+    """Fixed gain of whole columns."""
+    dsnu_e: Annotated[Figure, CameraFigure("DSNU", "e-", NOISE_E, span=(0.0, 50.0))] = 0.0
+    """Fixed offset of single pixels, rms."""
+    dsnu_row_e: Annotated[Figure, CameraFigure("DSNU of rows", "e-", NOISE_E, span=(0.0, 50.0))] = 0.0
+    """Fixed offset of whole rows."""
+    dsnu_column_e: Annotated[Figure, CameraFigure("DSNU of columns", "e-", NOISE_E, span=(0.0, 50.0))] = 0.0
+    """Fixed offset of whole columns."""
     black_level_dn: Figure = 0.0
+    """Offset before rounding, from 0 to below full scale, DN."""
     bit_depth: Annotated[int, Ge(1), Le(16)] = 12
+    """Bits of the converter."""
     cfa: Cfa = "none"
+    """The mosaic of colour filters. "none": a sensor for each colour of a picture, all with the same quantum
+    efficiency; "mono": one plane of light, which comes out grey."""
     width_px: _Side = 1920
     height_px: _Side = 1080
-    row_time_s: Annotated[Figure, within("row_time_s")] = 0.0
+    """Size of the sensor. A picture of another size is the sensor's largest part of its shape."""
+    row_time_s: Annotated[
+        Figure, CameraFigure("Rolling shutter", "s", Limit(0.0, 1.0), span=(0.0, 100e-6))
+    ] = 0.0
+    """Time between the exposures of two rows; 0: all rows at once."""
     shutter: Literal["global", "rolling", "global-reset"] = "global"
+    """Of "rolling", each row begins and ends row_time_s after the one before; of "global-reset", all begin
+    together and each ends row_time_s after the one before, hence is brighter."""
     scan: Literal["down", "up"] = "down"
+    """The direction in which the rows follow each other."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -259,6 +288,10 @@ class Sensor:
         planes = integer("shape, C", shape[0], 1, 3), *picture_size("shape, (H, W)", shape[1:])
         figures = tuple(getattr(self, name) for name in (*PRNU, *DSNU))
         return _fixed_pattern(figures, planes, *rng.item_seeds(seed, 1))
+
+
+DARK_NOISE = tuple(name for name, entry in figures_of(Sensor).items() if entry.dark_noise)
+"""Figures of temporal noise that every pixel has whatever its charge, e- rms: what threshold and range rest on."""
 
 
 @lru_cache(maxsize=4)

@@ -59,8 +59,9 @@ class Exposure(Generic[Number]):
     which sets it by the light. seed: of the noise, see :mod:`blurnoise._core.rng`; for a batch one for each picture.
     trajectory: motion in addition to the velocity; for a batch also one or None for each picture. moves: an entry of
     ``MOVES``: which part of a picture with cut-out targets moves. ego_speed_m_s: speed of the camera's vehicle, in
-    place of velocity_px_s. lamp: the pulsed lamp that lights the scene; for a batch also one or None for each
-    picture. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    place of velocity_px_s; with moves = "background" the targets drive along. lamp: the pulsed lamp that lights the
+    scene; for a batch also one or None for each picture. Raises ``TypeError`` or ``ValueError`` naming the field and
+    what is allowed.
 
     >>> from blurnoise import Camera
     >>> exposure = Exposure(Camera.preset("imx250"), 0.01, 50.0, velocity_px_s=(1000.0, 0.0))
@@ -91,9 +92,9 @@ class Exposure(Generic[Number]):
             integer("seed", seed, 0, rng.LAST_SEED)
         if not self.batched:
             self._check_one()
-        if self.drives and (self.moves != "all" or bool(self._velocity.any())):
+        if self.drives and (self.moves == "targets" or bool(self._velocity.any())):
             given = f"ego_speed_m_s = {shown(self.ego_speed_m_s)}, or a vehicle that turns"
-            raise ValueError(f"{given}: velocity_px_s must be (0, 0) and moves 'all'")
+            raise ValueError(f"{given}: velocity_px_s must be (0, 0) and moves not 'targets'")
 
     def _check_one(self) -> None:
         """Check the values of one frame. Those of a batch are checked against its pictures."""
@@ -244,6 +245,8 @@ class Exposure(Generic[Number]):
         """The exposure for a target that moves at ``speed`` times the velocity."""
         if self.moves == "all":
             return self
+        if self.drives:  # the targets drive along
+            return replace(self, ego_speed_m_s=0.0, vehicle=USUAL_VEHICLE, moves="all")
         share = {"targets": speed, "background": 1.0 - speed}[self.moves]
         x, y = (share * along + 0.0 for along in self.velocity_px_s)
         return replace(self, velocity_px_s=(x, y), moves="all")

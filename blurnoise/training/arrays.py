@@ -1,4 +1,4 @@
-"""Pictures as NumPy arrays: one function for training loops that hold them as OpenCV, Ultralytics and MMDetection do.
+"""Pictures as NumPy arrays: functions for training loops that hold them as OpenCV, Ultralytics and MMDetection do.
 
 Domain: (H, W), (H, W, C) or, of several, (B, H, W, C), uint8 or float in [0, 1]; the result has the same shape and
 type, uint8 rounded. C is 1 or 3.
@@ -15,28 +15,43 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.checks import LARGEST_PICTURE, integer, one_of, picture_size, real_tensor, shown
+from blurnoise.scene.cutting import checked_masks
+from blurnoise.scene.exposure import Exposure
 from blurnoise.training.labels import boxes_after, keypoints_after, masks_after, of_targets
-from blurnoise.training.pictures import expose_pictures
-from blurnoise.training.ranges import Cameras
+from blurnoise.training.pictures import expose_pictures, exposures_of
 
 Array = NDArray[Any]
 CHANNELS = ("rgb", "bgr")
 
 
-def expose_numpy(image: Array, camera: Cameras, *, channels: str = "rgb", **conditions: Any) -> Array:
-    """Take pictures with a camera: :func:`blurnoise.training.pictures.expose_pictures` for arrays.
+def expose_numpy(
+    image: Array,
+    exposure: Exposure | Sequence[Exposure],
+    *,
+    channels: str = "rgb",
+    masks: Array | Tensor | None = None,
+    **options: Any,
+) -> Array:
+    """Take pictures with a camera: :func:`blurnoise.expose_pictures` for arrays.
 
-    image: (H, W), (H, W, C) or (B, H, W, C), uint8 or float in [0, 1]. channels: their order, "rgb" or, as OpenCV
-    and Ultralytics have it, "bgr". conditions: the other arguments of ``expose_pictures``, at least exposure_s and
-    illuminance_lux; masks are (B, N, H, W), arrays or tensors. Returns an array of image's shape and type. Raises
-    ``TypeError`` or ``ValueError`` naming the argument.
+    image: (H, W), (H, W, C) or (B, H, W, C), uint8 or float in [0, 1]. exposure: one for all pictures, or one for
+    each. channels: their order, "rgb" or, as OpenCV and Ultralytics have it, "bgr". masks: (B, N, H, W). options: the
+    others of ``expose_pictures``. Returns an array of image's shape and type. Raises ``TypeError`` or ``ValueError``
+    naming the argument.
+
+    >>> from blurnoise import Camera, Exposure
+    >>> grey = np.full((4, 6, 3), 128, np.uint8)
+    >>> expose_numpy(grey, Exposure(Camera.preset("imx250"), 0.01, 50.0)).shape
+    (4, 6, 3)
     """
     one_of("channels", channels, CHANNELS)
-    return exposed(image, channels=channels, camera=camera, **_masked(conditions))
+    pictures = _flipped(_to_tensor(image), channels)
+    exposed = expose_pictures(pictures, exposure, masks=_tensor_of(masks), **options)
+    return _to_array(_flipped(exposed, channels), image)
 
 
 class Labels(NamedTuple):
-    """Labels of pictures, those that there are."""
+    """Labels of pictures; None for those that were not given."""
 
     boxes: Array | None = None
     keypoints: Array | None = None
@@ -45,35 +60,39 @@ class Labels(NamedTuple):
 
 def labels_numpy(
     shape: tuple[int, ...],
-    camera: Cameras,
+    exposure: Exposure | Sequence[Exposure],
     *,
     boxes: Array | None = None,
     keypoints: Array | None = None,
     label_masks: Array | None = None,
+    masks: Array | Tensor | None = None,
     grow_boxes: bool = False,
-    **conditions: Any,
 ) -> Labels:
-    """The labels of :func:`expose_numpy`'s pictures under the same camera and conditions, at mid-exposure.
+    """The labels of :func:`expose_numpy`'s pictures at mid-exposure, under the same exposure.
 
     shape: of the pictures, (H, W), (H, W, C) or (B, H, W, C). boxes: (N, 4), x0, y0, x1, y1 in px from the corner of
     the picture. keypoints: (N, 2), x, y in px from the centre of the first pixel. label_masks: (H, W) or (..., H, W)
-    of any type. For shapes with B each label has an axis B before. grow_boxes: boxes cover what their targets sweep.
+    of any type. For shapes with B each label has an axis B before. masks: (B, N, H, W) of the targets, where they or
+    the background alone move. grow_boxes: extend boxes to the swept boxes.
 
     Returns the labels that were given, as :mod:`blurnoise.training.labels` says, in the same shapes; boxes and
     keypoints are float64. Raises ``TypeError`` or ``ValueError`` naming the argument.
 
-    Example: a rolling shutter displaces what is far from the middle row.
+    A rolling shutter displaces what is far from the middle row:
 
-    >>> import numpy as np
-    >>> from blurnoise import labels_numpy
-    >>> at = {"exposure_s": 0.01, "speed_px_s": 1000.0}
-    >>> labels_numpy((240, 320), "ar0237", keypoints=np.array([[160.0, 10.0]]), **at).keypoints.round(1)
+    >>> from blurnoise import Camera, Exposure
+    >>> exposure = Exposure(Camera.preset("ar0237"), 0.01, 50.0, velocity_px_s=(1000.0, 0.0))
+    >>> labels_numpy((240, 320), exposure, keypoints=np.array([[160.0, 10.0]])).keypoints.round(1)
     array([[152.4,  10. ]])
     """
     axes, size = _axes_of(shape)
-    by = list(of_targets(axes[0] if axes else 1, camera, **_masked(conditions)))
+    batch = axes[0] if axes else 1
+    targets = _tensor_of(masks)
+    if targets is not None:
+        checked_masks(targets, batch, size)
+    exposures = of_targets(exposures_of(exposure, batch), targets)
 
-    def known(name: str, label: Any, *last: int) -> Tensor:
+    def with_batch(name: str, label: Any, *last: int) -> Tensor:
         """A label with an axis of pictures."""
         if name != "label_masks":
             tensor = real_tensor(name, label).double()
@@ -88,22 +107,25 @@ def labels_numpy(
             raise ValueError(f"{name}: shape must be ({must}), got {tuple(tensor.shape)}")
         return tensor if axes else tensor[None]
 
-    def given(moved: Tensor) -> Array:
-        found: Array = (moved if axes else moved[0]).numpy()
-        return found
+    def as_given(moved: Tensor) -> Array:
+        array: Array = (moved if axes else moved[0]).numpy()
+        return array
 
-    found: dict[str, Array] = {}
+    labels = Labels()
     if boxes is not None:
-        found["boxes"] = given(boxes_after(known("boxes", boxes, 4), by, size, grow=grow_boxes))
+        moved = boxes_after(with_batch("boxes", boxes, 4), exposures, size, grow=grow_boxes)
+        labels = labels._replace(boxes=as_given(moved))
     if keypoints is not None:
-        found["keypoints"] = given(keypoints_after(known("keypoints", keypoints, 2), by, size))
+        moved = keypoints_after(with_batch("keypoints", keypoints, 2), exposures, size)
+        labels = labels._replace(keypoints=as_given(moved))
     if label_masks is not None:
-        found["label_masks"] = given(masks_after(known("label_masks", label_masks, *size), by))
-    return Labels(**found)
+        moved = masks_after(with_batch("label_masks", label_masks, *size), exposures)
+        labels = labels._replace(label_masks=as_given(moved))
+    return labels
 
 
 def _axes_of(shape: Any) -> tuple[tuple[int, ...], tuple[int, int]]:
-    """The axis of pictures, if there is one, and their size, of the shape of an array of pictures."""
+    """(B,) or (), and (H, W), of the shape of an array of pictures. Raises ``ValueError``."""
     sides = tuple(shape) if isinstance(shape, Sequence) and not isinstance(shape, str) else ()
     if len(sides) not in (2, 3, 4):
         raise ValueError(f"shape = {shown(shape)}: must be (H, W), (H, W, C) or (B, H, W, C)")
@@ -113,28 +135,17 @@ def _axes_of(shape: Any) -> tuple[tuple[int, ...], tuple[int, int]]:
     )
 
 
-def exposed(image: Array, *, channels: str, **conditions: Any) -> Array:
-    """Pictures (H, W), (H, W, C) or (B, H, W, C) under arguments of ``expose_pictures``."""
-    return to_array(
-        _flipped(expose_pictures(_flipped(to_tensor(image), channels), **conditions), channels), image
-    )
-
-
-def _masked(conditions: dict[str, Any]) -> dict[str, Any]:
-    """The conditions, masks as a tensor."""
-    if conditions.get("masks") is None:
-        return conditions
-    return {**conditions, "masks": _masks(conditions["masks"])}
-
-
-def _masks(given: object) -> Tensor:
+def _tensor_of(masks: object) -> Tensor | None:
+    """Masks as a tensor. Raises ``TypeError``."""
+    if masks is None:
+        return None
     try:
-        return torch.as_tensor(given)
+        return torch.as_tensor(masks)
     except (TypeError, ValueError, RuntimeError):
-        raise TypeError(f"masks = {shown(given)}: must be an array or tensor (B, N, H, W)") from None
+        raise TypeError(f"masks = {shown(masks)}: must be an array or tensor (B, N, H, W)") from None
 
 
-def to_tensor(image: Array) -> Tensor:
+def _to_tensor(image: Array) -> Tensor:
     """Pictures (B, C, H, W), float in [0, 1], of an array."""
     if not isinstance(image, np.ndarray) or image.ndim not in (2, 3, 4):
         got = f"shape {image.shape}" if isinstance(image, np.ndarray) else shown(image)
@@ -151,7 +162,7 @@ def to_tensor(image: Array) -> Tensor:
     return planes.float() / 255.0 if image.dtype == np.uint8 else planes.contiguous()
 
 
-def to_array(pictures: Tensor, like: Array) -> Array:
+def _to_array(pictures: Tensor, like: Array) -> Array:
     """Pictures (B, C, H, W) as an array of the shape and type of ``like``."""
     coded = like.dtype == np.uint8
     planes = pictures.mul(255.0).round_().to(torch.uint8) if coded else pictures

@@ -33,7 +33,7 @@ from blurnoise.training.labels import (
     boxes_after,
     keypoints_after,
     masks_after,
-    taken,
+    of_targets,
 )
 from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import (
@@ -45,33 +45,47 @@ from blurnoise.training.ranges import (
 )
 from blurnoise.training.table import ExposureTable
 
-_RANGES = tuple(each.name for each in fields(ExposureRanges) if each.name != "camera")
 _FAR = [[False, False], [True, False], [True, True], [False, True]]
 """Which corners of Kornia's boxes lie at the right, at the bottom."""
 
 
 class OverConditions:
-    """Shared by the augmentations of Kornia and torchvision: the source of conditions, and the exposure."""
+    """Shared by the augmentations of all libraries: where exposures are drawn from, and pictures and labels by them.
+
+    ranges: ranges or a table. flags: encoding, fidelity and grow_boxes.
+    """
 
     ranges: Draws
     flags: dict[str, Any]
 
     def set_conditions(
         self,
-        camera: Cameras,
+        camera: Cameras | None = None,
         *,
-        encoding: PictureTone = "srgb",
+        table: ExposureTable | None = None,
+        encoding: PictureTone | None = None,
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
         **ranges: Any,
     ) -> None:
-        """Check and keep what all augmentations have: ranges, and the flags encoding, fidelity and grow_boxes."""
-        unknown = sorted(ranges.keys() - _RANGES)
-        if unknown:
-            raise TypeError(f"{unknown[0]}: is no range of conditions; ranges are {', '.join(_RANGES)}")
-        self.ranges = ExposureRanges(camera, **ranges)
+        """Check and keep the arguments that all augmentations have.
+
+        ranges: fields of :class:`ExposureRanges`. table: in place of camera and ranges. encoding: of the pictures; by
+        default that of the table, or "srgb".
+        """
+        known = [field.name for field in fields(ExposureRanges) if field.name != "camera"]
+        if unknown := sorted(ranges.keys() - set(known)):
+            raise TypeError(f"{unknown[0]}: is no range of conditions; ranges are {', '.join(known)}")
+        if camera is not None:
+            ranges["camera"] = camera
+        if table is not None:
+            an_instance("table", table, ExposureTable)
+            for name, value in ranges.items():
+                raise TypeError(f"{name} = {shown(value)}: is part of the table; must not be given")
+        self.ranges = ExposureRanges(**ranges) if table is None else table
+        usual = "srgb" if table is None else table.encoding
         self.flags = {
-            "encoding": picture_tone(encoding),
+            "encoding": picture_tone(usual if encoding is None else encoding),
             "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
             "grow_boxes": grow_boxes,
         }
@@ -86,43 +100,42 @@ class OverConditions:
         options of the class that are not ranges; encoding is by default that of the run. Raises ``TypeError`` or
         ``ValueError`` naming the argument, ``OSError`` for a file that cannot be read.
         """
-        return cls.for_conditions(ExposureTable.of_run(run, direction_deg=direction_deg), **options)
-
-    @classmethod
-    def for_conditions(cls, table: ExposureTable, **options: Any) -> Self:
-        """The augmentation under the conditions of a table, as ``ExposureTable.of_grid`` makes one."""
-        an_instance("table", table, ExposureTable)
-        for name in {"camera", *_RANGES} & options.keys():
-            raise TypeError(f"{name} = {shown(options[name])}: is part of the conditions; must not be given")
-        augmentation = cls(**{"encoding": table.encoding, **options})
-        augmentation.ranges = table
-        return augmentation
+        options["table"] = ExposureTable.of_run(run, direction_deg=direction_deg)
+        return cls(**options)
 
     def _drawn(self, count: int, dtype: torch.dtype, device: torch.device | None = None) -> Params:
         """Conditions and noise seeds of so many pictures, (count,) each, by torch's global generator."""
         drawn = self.ranges.conditions(torch.rand(count, self.ranges.draws, device=device, dtype=dtype))
         return {**drawn, "noise_seed": torch.randint(2**63 - 1, (count,), device=device)}
 
-    def _exposed(self, seen: Tensor, params: Params, of: list[int], seeds: list[int], flags: Any) -> Tensor:
-        """Pictures exposed under the conditions of these places in ``params``; flags: encoding and fidelity."""
-        how = {name: flags[name] for name in ("encoding", "fidelity")}
-        return expose_pictures(seen, **self.ranges.arguments(params, of), generator=seeds, **how)
+    def _exposed(self, pictures: Tensor, params: Params, items: list[int], seeds: list[int]) -> Tensor:
+        """Pictures (B, C, H, W), each taken under the conditions of an item of ``params``, with a seed of its own."""
+        dtype = torch.promote_types(pictures.dtype, torch.float32)  # halves are computed in single precision
+        return expose_pictures(
+            pictures,
+            self.ranges.exposures(params, items, seeds, dtype),
+            masks=params["masks"][items] if "masks" in params else None,
+            lamp_lights=self.ranges.lamp_lights,
+            encoding=self.flags["encoding"],
+            fidelity=self.flags["fidelity"],
+        )
 
-    def _taken(self, params: Params) -> list[Exposure]:
+    def _of_targets(self, params: Params) -> list[Exposure]:
         """The exposure of each picture's targets."""
-        return taken(params, self.ranges)
+        return of_targets(self.ranges.exposures(params), params.get("masks"))
 
     @property
     def _moves_labels(self) -> bool:
-        """Whether a camera moves what it sees: by distortion, or by rows that are exposed in turn."""
+        """Whether a camera moves labels: by distortion, or by rows that are exposed in turn."""
         return any(map(effects.displace, self.ranges.cameras))
 
 
 class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: ignore[misc]
     """Take each picture with a camera under random conditions: :func:`expose_pictures` as a Kornia augmentation.
 
-    The ranges are those of :class:`ExposureRanges`, drawn anew for each picture. Cameras may have several captures
-    (HDR), and lamps may be pulsed.
+    options: the ranges of :class:`ExposureRanges`, drawn anew for each picture, or table, an :class:`ExposureTable`
+    in place of camera and ranges; encoding, fidelity, grow_boxes. Cameras may have several captures (HDR), and lamps
+    may be pulsed.
     encoding: the pictures' tone curve, see :func:`blurnoise.simulate`; the result has the camera's tone curve, or is
     linear if encoding is "linear". fidelity: see :func:`blurnoise.simulate`.
     grow_boxes: grow boxes to the swept boxes, by half the displacement to each side, at most to the picture's last
@@ -147,7 +160,7 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
 
     def __init__(
         self,
-        camera: Cameras = ExposureRanges.camera,
+        camera: Cameras | None = None,
         *,
         same_on_batch: bool = False,
         p: float = 0.5,
@@ -179,20 +192,22 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         dense("input", input)
         if masks is not None:
             batch = self.transform_tensor(input)
-            own = masks[None] if input.ndim == 3 and masks.ndim == 3 else masks
-            own = checked_masks(own, len(batch), (batch.shape[-2], batch.shape[-1]))
-            params = {**(self.forward_parameters(batch.shape) if params is None else params), "masks": own}
-        seen: Tensor = super().forward(input, params, **kwargs)
-        return seen
+            masks = masks[None] if input.ndim == 3 and masks.ndim == 3 else masks
+            masks = checked_masks(masks, len(batch), (batch.shape[-2], batch.shape[-1]))
+            params = {**(self.forward_parameters(batch.shape) if params is None else params), "masks": masks}
+        exposed: Tensor = super().forward(input, params, **kwargs)
+        return exposed
 
     def _noise_seeds(self, params: Params) -> list[int]:
-        """Seeds of all pictures. One that occurs again is that of a clip, whose frames share all but their noise."""
+        """Seeds of all pictures; frames of a clip, which share their conditions, get different ones."""
         seeds: list[int] = params["noise_seed"].tolist()
         if self.same_on_batch or len({*seeds}) == len(seeds):
             return seeds
-        frames: Counter[int] = Counter()
-        for place, seed in enumerate(seeds):
-            seeds[place] = rng.derived(seed, f"frame {frames[seed]}") if frames[seed] else seed
+        frames: Counter[int] = (
+            Counter()
+        )  # Kornia repeats a clip's parameters, seed included, for all its frames
+        for item, seed in enumerate(seeds):
+            seeds[item] = rng.derived(seed, f"frame {frames[seed]}") if frames[seed] else seed
             frames[seed] += 1
         return seeds
 
@@ -206,26 +221,27 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         chosen = [item for item in range(len(input)) if every or gates[item] > 0.5]
         if not chosen:
             return input
-        seeds = self._noise_seeds(params)
-        seeds = [seeds[item] for item in chosen]
+        of_all = self._noise_seeds(params)
+        seeds = [of_all[item] for item in chosen]
         if len(chosen) == len(input):
-            return self._exposed(input, params, chosen, seeds, flags)
-        exposed = self._exposed(input[chosen], params, chosen, seeds, flags)
+            return self._exposed(input, params, chosen, seeds)
+        exposed = self._exposed(input[chosen], params, chosen, seeds)
         return input.index_put((torch.tensor(chosen, device=input.device),), exposed)
 
     def apply_transform_box(
         self, input: Boxes, params: Params, flags: dict[str, Any], transform: Tensor | None = None
     ) -> Boxes:
-        """The boxes at mid-exposure, grown by what the motion sweeps where ``grow_boxes`` asks for it."""
+        """The boxes at mid-exposure, or the swept boxes if ``grow_boxes`` is set."""
         grow = flags["grow_boxes"]
         if not grow and not self._moves_labels:
             return input
         corners = input.data if input.data.ndim == 4 else input.data[None]  # (B, N, 4, 2) or (N, 4, 2)
+        # Kornia's boxes name their last pixels; ours end at the outer edges of these.
         low, high = corners.double().amin(-2, keepdim=True), corners.double().amax(-2, keepdim=True)
-        edges = torch.cat([low, high + 1], -1)[..., 0, :]  # the last pixel's outer edge
-        moved = boxes_after(edges, self._taken(params), _size(params), grow=grow)[..., None, :]
+        edges = torch.cat([low, high + 1], -1)[..., 0, :]
+        moved = boxes_after(edges, self._of_targets(params), _size(params), grow=grow)[..., None, :]
         share = (corners - low) / (high - low)
-        share = torch.where(high > low, share, corners.new_tensor(_FAR))  # of boxes of one pixel
+        share = torch.where(high > low, share, corners.new_tensor(_FAR))  # a box of one pixel has no share
         out = input.clone()
         out.data.copy_((moved[..., :2] + share * (moved[..., 2:] - 1 - moved[..., :2])).view_as(out.data))
         return out
@@ -238,7 +254,7 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
             return input
         points = input.data if input.data.ndim == 3 else input.data[None]  # (B, N, 2) or (N, 2)
         out = input.clone()
-        out.data.copy_(keypoints_after(points, self._taken(params), _size(params)).view_as(out.data))
+        out.data.copy_(keypoints_after(points, self._of_targets(params), _size(params)).view_as(out.data))
         return out
 
     def apply_transform_mask(
@@ -251,7 +267,7 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
             raise ValueError(
                 f"masks: shape {tuple(input.shape)}; must have the pictures' size {_size(params)}"
             )
-        return masks_after(input, self._taken(params))
+        return masks_after(input, self._of_targets(params))
 
 
 def _size(params: Params) -> tuple[int, int]:

@@ -1,7 +1,7 @@
-"""Ranges of the conditions that training pictures are taken under, and a draw from them for each picture.
+"""Ranges of the conditions of training pictures, and the exposure that is drawn from them for each picture.
 
-Convention: draws are values in [0, 1), so that the caller decides how they are made; directions run counter-clockwise
-as displayed, 0 to the right.
+Convention: conditions follow from uniform values in [0, 1), so that each library draws these by its own generator;
+directions run counter-clockwise as displayed, 0 to the right.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from blurnoise.light.lamp import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import LONGEST_SHAKE, Trajectory, path_duration_s, shake
 from blurnoise.picture.fusion import amplified, readers
-from blurnoise.scene.exposure import MOVES, Moves
+from blurnoise.scene.exposure import MOVES, Exposure, Moves
 from blurnoise.scene.metering import AutoExposure
 
 Range = float | Sequence[float]
@@ -41,18 +41,21 @@ Gain = Range | Literal["auto"] | AutoExposure
 Lights = Literal["all", "targets"]
 _LONGEST_USUAL_S = 1.0  # a longer exposure was probably meant in milliseconds: there is a warning
 DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
-"""Conditions of every picture."""
-_ARGUMENTS = (*DRAWN, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "masks",
-              *(LAMP := ("lamp_hz", "lamp_duty", "lamp_phase")))  # fmt: skip
+"""Conditions that are drawn for every picture."""
+LAMP = ("lamp_hz", "lamp_duty", "lamp_phase")
+"""Conditions of pictures with a lamp."""
+_OF_EACH = (
+    *DRAWN, *LAMP, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "shake_px", "noise_seed",
+)  # fmt: skip
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
-"""Ranges that replace one of them."""
+"""Ranges, and the one of these that each replaces."""
 
 
 class Draws(ABC):
-    """A source of conditions for training pictures: :class:`ExposureRanges`, or a table of conditions.
+    """A source of exposures for training pictures: :class:`ExposureRanges`, or a table of conditions.
 
-    gain_db: for pictures whose conditions have none. vehicle: drives at ``ego_kmh``. lamp_lights: what the light of
-    a pulsed lamp falls on.
+    gain_db: of pictures for which none is drawn. vehicle: drives at the ``ego_kmh`` that are drawn. lamp_lights: what
+    a pulsed lamp lights.
     """
 
     vehicle: Vehicle = USUAL_VEHICLE
@@ -63,7 +66,7 @@ class Draws(ABC):
 
     @property
     def uses_masks(self) -> bool:
-        """Whether pictures are taken otherwise where there are masks."""
+        """Whether masks change the pictures."""
         return self.moves != ("all",) or self.lamp_lights == "targets"
 
     @property
@@ -85,35 +88,56 @@ class Draws(ABC):
         ``moves_index``.
         """
 
-    def arguments(self, params: Params, of: slice | list[int] = slice(None)) -> dict[str, Any]:
-        """Keyword arguments of :func:`.augmentation.expose_pictures` for these pictures."""
-        drawn = {name: params[name][of] for name in _ARGUMENTS if name in params}
-        cameras = [self.cameras[index] for index in drawn["camera_index"].tolist()]
-        gain: Any = drawn.get("gain_db", self.gain_db)
-        if "gain_auto" in drawn:
-            each = zip(drawn["gain_auto"].tolist(), gain.tolist(), strict=True)
-            gain = [self.gain_db if auto else given for auto, given in each]
-        moves = ["all"] * len(cameras)
-        if "moves_index" in drawn:
-            moves = [self.moves[index] for index in drawn["moves_index"].tolist()]
-        return {
-            **{name: drawn[name] for name in DRAWN},
-            "ego_kmh": drawn.get("ego_kmh"),
-            "camera": cameras,
-            "gain_db": gain,
-            "masks": drawn.get("masks"),
-            "moves": moves,
-            "trajectory": shakes(params, cameras, of),
-            "vehicle": self.vehicle,
-            "lamp": self._lamps(drawn),
-            "lamp_lights": self.lamp_lights,
-        }
+    def exposures(
+        self,
+        params: Params,
+        items: Sequence[int] | None = None,
+        seeds: Sequence[int] | None = None,
+        dtype: torch.dtype = torch.float64,
+    ) -> list[Exposure]:
+        """The exposure of each picture, or of the pictures ``items``, under drawn conditions.
 
-    @staticmethod
-    def _lamps(drawn: Params) -> list[Pwm] | None:
-        if "lamp_hz" not in drawn:
-            return None
-        return [Pwm(*figures) for figures in zip(*(drawn[name].tolist() for name in LAMP), strict=True)]
+        params: those of :meth:`conditions`, and ``noise_seed`` where shakes are drawn. seeds: of the noise; 0 for
+        labels, which do not depend on it. dtype: of the pictures, in which velocities are computed.
+        """
+        chosen = list(range(len(params["camera_index"])) if items is None else items)
+        drawn = {name: value[chosen] for name, value in params.items() if name in _OF_EACH}
+        drawn = {
+            name: value.to(dtype) if value.is_floating_point() else value for name, value in drawn.items()
+        }
+        velocities = velocity_px_s(drawn["speed_px_s"], drawn["direction_deg"]).tolist()
+        columns = {name: drawn[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c")}
+        known = self.cameras
+        cameras = [known[index] for index in drawn["camera_index"].tolist()]
+        columns |= {
+            "camera": cameras,
+            "velocity_px_s": list(map(tuple, velocities)),
+            "gain_db": self._gains(drawn, len(chosen)),
+            "seed": list(seeds or [0] * len(chosen)),
+            "trajectory": _shakes(drawn, cameras),
+        }
+        if "moves_index" in drawn:
+            columns["moves"] = [self.moves[index] for index in drawn["moves_index"].tolist()]
+        if "ego_kmh" in drawn:
+            columns["ego_speed_m_s"] = (drawn["ego_kmh"] / 3.6).tolist()
+            columns["vehicle"] = [self.vehicle] * len(chosen)
+        if "lamp_hz" in drawn:
+            columns["lamp"] = [
+                Pwm(*row) for row in zip(*(drawn[name].tolist() for name in LAMP), strict=True)
+            ]
+        return [
+            Exposure(**dict(zip(columns, values, strict=True)))
+            for values in zip(*columns.values(), strict=True)
+        ]
+
+    def _gains(self, drawn: Params, count: int) -> list[float | AutoExposure]:
+        """The gain of each picture: drawn, or else that of the source, a number or an auto-exposure."""
+        fallback: Any = self.gain_db
+        if "gain_db" not in drawn:
+            return [fallback] * count
+        gains = drawn["gain_db"].tolist()
+        automatic = drawn["gain_auto"].tolist() if "gain_auto" in drawn else [False] * count
+        return [fallback if auto else gain for auto, gain in zip(automatic, gains, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -138,6 +162,11 @@ class ExposureRanges(Draws):
 
     Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed; warns of exposures of more
     than a second.
+
+    >>> ranges = ExposureRanges("imx250", exposure_s=0.01, illuminance_lux=50.0, speed_px_s=800.0, direction_deg=0.0)
+    >>> (exposure,) = ranges.exposures(ranges.conditions(torch.rand(1, ranges.draws)))
+    >>> exposure.velocity_px_s[0]
+    800.0
     """
 
     camera: Cameras = usual.COLOUR
@@ -186,7 +215,7 @@ class ExposureRanges(Draws):
                 raise ValueError(f"exposure_s = {shortest:g}: too short for {readout}")
 
     def _reached(self) -> Iterator[tuple[str, float, str]]:
-        """Quantities that follow from several ranges: name, largest value, and the name of the limit."""
+        """Quantities that follow from several ranges: description, largest value, and the name of its limit."""
         most = {name: vars(self)[name][1] for name in self._drawn[: len(DRAWN)]}
         shortest, longest = vars(self)["exposure_s"]
         moved, within = "the motion during the exposure in px", f"within {shortest:g} s asks for"
@@ -210,7 +239,7 @@ class ExposureRanges(Draws):
 
     @cached_property
     def _drawn(self) -> tuple[str, ...]:
-        """What is drawn for each picture: the ranges of ``DRAWN``, or those in their place, and what else varies."""
+        """The quantities that are drawn for a picture: ``DRAWN``, or those in their place, and others that vary."""
         instead = {_INSTEAD[name]: name for name in _INSTEAD if vars(self)[name] is not None}
         further = {
             "camera_index": True,
@@ -219,8 +248,8 @@ class ExposureRanges(Draws):
             "moves_index": len(self.moves) > 1,
             **dict.fromkeys(LAMP, self.lamp_hz is not None),
         }
-        beside = (name for name, varies in further.items() if varies)
-        return (*(instead.get(name, name) for name in DRAWN), *beside)
+        varying = (name for name, varies in further.items() if varies)
+        return (*(instead.get(name, name) for name in DRAWN), *varying)
 
     @property
     def draws(self) -> int:
@@ -234,13 +263,13 @@ class ExposureRanges(Draws):
             if name in ("camera_index", "moves_index"):
                 drawn[name] = chosen(share, len(self.cameras if name == "camera_index" else self.moves))
                 continue
-            low, high = vars(self).get(name, (0.0, 1.0))  # a phase is anywhere
+            low, high = vars(self).get(name, (0.0, 1.0))  # the phase of a lamp has no range: it is random
             value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
             drawn[name] = value.clamp(low, high)
         exposure_s, index = drawn["exposure_s"], drawn["camera_index"]
         if "white_e" in drawn:
-            each_e = exposure_s.new_tensor([electrons_per_lux_s(camera) for camera in self.cameras])
-            lux = drawn.pop("white_e") / (each_e[index] * exposure_s)
+            per_lux_s = exposure_s.new_tensor([electrons_per_lux_s(camera) for camera in self.cameras])
+            lux = drawn.pop("white_e") / (per_lux_s[index] * exposure_s)
             drawn["illuminance_lux"] = lux.clamp_max(LIMITS["illuminance_lux"].high)
         if "blur_px" in drawn:
             drawn["speed_px_s"] = (drawn.pop("blur_px") / exposure_s).clamp_max(LIMITS["speed_px_s"].high)
@@ -258,33 +287,45 @@ class ExposureRanges(Draws):
             "vehicle": self.ego_kmh is not None,
             **dict.fromkeys(("lamp_hz", "lamp_duty", "lamp_lights"), self.lamp_hz is not None),
         }
-        shown_too = (name for name, used in further.items() if used)
-        named = (*self._drawn[: len(DRAWN)], "gain_db", *shown_too)
+        used = (name for name, uses in further.items() if uses)
+        named = (*self._drawn[: len(DRAWN)], "gain_db", *used)
         return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in named)])
 
 
 def chosen(share: Tensor, count: int) -> Tensor:
-    """One of ``count``, all equally likely, by shares in [0, 1): int64."""
+    """Indices (int64) below ``count``, all equally likely, from shares in [0, 1)."""
     return (share * count).long().clamp_max(count - 1)
 
 
 def warn_of_milliseconds(*exposure_s: float) -> None:
     """Warn of an exposure of more than a second."""
     if max(exposure_s, default=0.0) > _LONGEST_USUAL_S:
-        each = dict.fromkeys(exposure_s)
-        given, meant = (", ".join(f"{seconds * factor:g}" for seconds in each) for factor in (1, 1e-3))
+        different = dict.fromkeys(exposure_s)
+        given, meant = (", ".join(f"{seconds * factor:g}" for seconds in different) for factor in (1, 1e-3))
         text = f"exposure_s = ({given}): is in seconds; must be ({meant}) if milliseconds are meant"
         warnings.warn(text, stacklevel=4)
 
 
-def shakes(params: Params, cameras: Sequence[Camera], of: list[int] | slice) -> list[Trajectory | None]:
-    """The shakes of these pictures, each by its own noise seed; None where there is none. cameras: of each."""
-    if "shake_px" not in params:
+def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
+    """Velocities (B, 2), x right and y down, from speeds (B,) and directions (B,), counter-clockwise as displayed.
+
+    >>> velocity_px_s(torch.tensor([100.0]), torch.tensor([90.0])).round().tolist()
+    [[-0.0, -100.0]]
+    """
+    angle = torch.deg2rad(direction_deg)
+    return torch.stack([angle.cos(), -angle.sin()], dim=-1) * speed_px_s[:, None]
+
+
+def _shakes(drawn: Params, cameras: Sequence[Camera]) -> list[Trajectory | None]:
+    """The shake of each picture, by its noise seed; None without shake."""
+    if "shake_px" not in drawn:
         return [None] * len(cameras)
-    drawn = (params[name][of].tolist() for name in ("noise_seed", "shake_px", "exposure_s"))
+    columns = (drawn[name].tolist() for name in ("noise_seed", "shake_px", "exposure_s"))
     return [
-        shake(seed, extent_px, taken_s, duration_s=path_duration_s(camera, taken_s)) if extent_px else None
-        for seed, extent_px, taken_s, camera in zip(*drawn, cameras, strict=True)
+        shake(seed, extent_px, exposure_s, duration_s=path_duration_s(camera, exposure_s))
+        if extent_px
+        else None
+        for seed, extent_px, exposure_s, camera in zip(*columns, cameras, strict=True)
     ]
 
 
@@ -309,7 +350,7 @@ def bounds(name: str, value: Range) -> tuple[float, float]:
 
 
 def _plain(name: str, value: Any) -> Any:
-    """A tensor or array of one number as that number. Raises ``TypeError`` for a tensor without values."""
+    """A tensor or array of one number as a number. Raises ``TypeError`` for a sparse tensor and one without data."""
     if isinstance(value, Tensor):
         dense(name, value)
     return value.item() if isinstance(value, (Tensor, np.ndarray)) and value.ndim == 0 else value

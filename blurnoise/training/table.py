@@ -1,10 +1,10 @@
 """Table of conditions to draw from: those of a deployment, as a sweep's folder or a grid has them.
 
 Convention: speeds px/s, directions counter-clockwise as displayed. Rows are equally likely. Exposure, light and speed
-are drawn between a row's value and the middles to its neighbours among all rows (in the logarithm for exposure and
-light), none beyond a grid's ends; a row at rest stays at rest. All else is the row's; a gain of None is automatic.
-Of a run the rows are those that its camera would use: at each light and motion the exposures that the run recommends,
-or the best where none works, and none that saturates more than a tenth of the picture while another does not.
+are drawn between the middles to the next values in the table, in the logarithm for exposure and light, and never
+beyond its first and last; a row at rest stays at rest. Everything else is the row's; a gain of None is automatic.
+A run has the rows that its camera would use: at each light and motion the exposures that the run recommends, or the
+best if none works, without those that saturate more than a tenth of the picture while another does not.
 """
 
 from __future__ import annotations
@@ -32,17 +32,18 @@ from blurnoise.training import ranges
 from blurnoise.training.ranges import DRAWN, Cameras, Params, Range
 
 FILE = "conditions.json"
-"""In a sweep's folder: its cameras, and the conditions that it has met."""
-_MOST_SATURATED = 0.1  # mean share of values at a limit of the sensor; beyond, a run's condition is left out
+"""The file of a sweep's folder with its cameras and the conditions that it tested."""
+_MOST_SATURATED = 0.1  # mean share of values at a limit of the sensor with which a condition is used
 _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
 _TINY = 1e-30
 _NOT_DRAWN = ("trajectory", "ego", "speeds", "grey_anchor", "lamps", "hdr_white")
+"""Settings of a sweep that training does not have."""
 
 
 class Condition(NamedTuple):
-    """One row: the conditions of a picture. camera: of the table's; gain_db: None where the camera sets it.
+    """One row: the conditions of a picture. camera: its number in the table; gain_db: None where the camera sets it.
 
-    most_lux_s: exposure times light of draws about it is at most this, as far as the row's neighbours leave it.
+    most_lux_s: upper limit of exposure times light of the draws from this row, beyond which pictures saturate.
     """
 
     exposure_s: float
@@ -58,11 +59,15 @@ class Condition(NamedTuple):
 
 @dataclass(frozen=True)
 class ExposureTable(ranges.Draws):
-    """A table of equally likely conditions, and the cameras to which they refer by number.
+    """A table of equally likely conditions, and the cameras that its rows name by number.
 
     gain_db: the auto-exposure for rows without a gain. direction_deg: range to draw the direction from; None: the
     direction of each row. encoding: the tone curve of the pictures. Raises ``ValueError`` for an empty table and for
     a row outside the limits.
+
+    >>> table = ExposureTable.of_grid("imx250c", exposure_s=[0.002, 0.01], illuminance_lux=[5.0, 50.0])
+    >>> len(table.rows), table.draws
+    (4, 5)
     """
 
     camera: Cameras
@@ -99,15 +104,15 @@ class ExposureTable(ranges.Draws):
             must = "must be a finished sweep's folder, or location(URL) of blurnoise_eval.system.urls"
             raise ValueError(f"run = {str(run)!r}: holds no {FILE}; {must}")
         try:
-            held = json_of(path.read_text(encoding="utf-8"))
-            refused = [name for name in _NOT_DRAWN if held.get(name)]
-            if any(row["exposure_s"] == "auto" for row in held["conditions"]):
+            document = json_of(path.read_text(encoding="utf-8"))
+            refused = [name for name in _NOT_DRAWN if document.get(name)]
+            if any(row["exposure_s"] == "auto" for row in document["conditions"]):
                 refused.append("exposures that its camera sets")
             if not refused:
-                cameras = tuple(Camera.from_dict(each) for each in held["cameras"])
-                auto = AutoExposure(**held["auto_exposure"]) if held.get("auto_exposure") else USUAL
-                tone = picture_tone(held.get("picture_tone") or "srgb", "picture_tone")
-                return cls(cameras, tuple(_used(held["conditions"])), auto, direction_deg, tone)
+                cameras = tuple(Camera.from_dict(camera) for camera in document["cameras"])
+                auto = AutoExposure(**document["auto_exposure"]) if document.get("auto_exposure") else USUAL
+                tone = picture_tone(document.get("picture_tone") or "srgb", "picture_tone")
+                return cls(cameras, tuple(_used(document["conditions"])), auto, direction_deg, tone)
         except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
             raise ValueError(f"run = {str(path)!r}: is no table of conditions ({error})") from None
         raise ValueError(f"run = {str(run)!r}: has {refused[0]}; not supported in training")
@@ -153,54 +158,55 @@ class ExposureTable(ranges.Draws):
     def conditions(self, uniform: Tensor) -> Params:
         """As of all :class:`Draws`."""
         shares = iter(uniform.unbind(-1))
-        # in double precision: a thousand rows leave single precision few places
-        row = ranges.chosen(next(shares).double(), len(self.rows)).cpu()
-        taken = {
+        row = ranges.chosen(next(shares).double(), len(self.rows)).cpu()  # double: tables may have many rows
+        drawn = {
             name: column[row].to(uniform if column.is_floating_point() else uniform.device)
             for name, column in self._columns.items()
         }
-        most, least = taken.pop("most_lux_s"), {}
+        most, least = drawn.pop("most_lux_s"), {}
         for name in _SPREAD:
-            low, high = taken.pop(f"least {name}"), taken.pop(f"most {name}")
+            low, high = drawn.pop(f"least {name}"), drawn.pop(f"most {name}")
             share = next(shares)
             ratio = (high / low.clamp_min(_TINY)) ** share
             in_logarithm = (low > 0) & (name != "speed_px_s")
             value = torch.where(in_logarithm, low * ratio, low + (high - low) * share)
-            taken[name], least[name] = value.clamp(low, high), low
-        exposure, light = taken["exposure_s"], taken["illuminance_lux"]
+            drawn[name], least[name] = value.clamp(low, high), low
+        # The limit of a row holds for its product: what exceeds it is taken off the exposure, the rest off the light.
+        exposure, light = drawn["exposure_s"], drawn["illuminance_lux"]
         exposure = torch.minimum(exposure, most / light.clamp_min(_TINY)).clamp_min(least["exposure_s"])
         light = torch.minimum(light, most / exposure.clamp_min(_TINY)).clamp_min(least["illuminance_lux"])
-        fastest = LIMITS["displacement_px"].high / exposure.clamp_min(_TINY)  # a row's own is within it
-        taken |= {"exposure_s": exposure, "illuminance_lux": light}
-        taken["speed_px_s"] = torch.minimum(taken["speed_px_s"], fastest * (1 - 1e-6))
+        # Every row is within the limit of motion; an exposure above the row's with a speed above it may not be.
+        fastest = LIMITS["displacement_px"].high / exposure.clamp_min(_TINY)
+        drawn |= {"exposure_s": exposure, "illuminance_lux": light}
+        drawn["speed_px_s"] = torch.minimum(drawn["speed_px_s"], fastest * (1 - 1e-6))
         if self.direction_deg is not None:
             first, last = self.direction_deg  # type: ignore[misc]
-            taken["direction_deg"] = first + (last - first) * next(shares)
-        return taken
+            drawn["direction_deg"] = first + (last - first) * next(shares)
+        return drawn
 
     @cached_property
     def _columns(self) -> dict[str, Tensor]:
-        """Quantities by row, (rows,) each: numbers in float64, indices, and whether the gain is the camera's."""
-        held = dict(zip(Condition._fields, map(np.array, zip(*self.rows, strict=True)), strict=True))
-        found = {name: held[name] for name in ("direction_deg", "temperature_c", "most_lux_s")}
+        """Columns of the table, (rows,) each: numbers in float64, with the bounds to draw between, and indices."""
+        of_rows = dict(zip(Condition._fields, map(np.array, zip(*self.rows, strict=True)), strict=True))
+        numbers = {name: of_rows[name] for name in ("direction_deg", "temperature_c", "most_lux_s")}
         for name in _SPREAD:
-            known, index = np.unique(held[name], return_inverse=True)
-            low, high = known[:-1], known[1:]
+            values, index = np.unique(of_rows[name], return_inverse=True)
+            low, high = values[:-1], values[1:]
             in_logarithm = (low > 0) & (name != "speed_px_s")
             middles = np.where(in_logarithm, np.sqrt(low * high), (low + high) / 2)
-            highs = np.append(middles, known[-1])
+            highest = np.append(middles, values[-1])
             if name == "speed_px_s":
-                highs[known == 0] = 0.0
-            found |= {f"least {name}": np.append(known[0], middles)[index], f"most {name}": highs[index]}
+                highest[values == 0] = 0.0  # at rest, not nearly
+            numbers |= {f"least {name}": np.append(values[0], middles)[index], f"most {name}": highest[index]}
         auto = np.array([row.gain_db is None for row in self.rows])
         if not auto.all():
-            found["gain_db"] = np.where(auto, 0.0, held["gain_db"])
-        columns = {name: torch.from_numpy(values.astype(np.float64)) for name, values in found.items()}
-        columns["camera_index"] = torch.from_numpy(held["camera"])
+            numbers["gain_db"] = np.where(auto, 0.0, of_rows["gain_db"])
+        columns = {name: torch.from_numpy(values.astype(np.float64)) for name, values in numbers.items()}
+        columns["camera_index"] = torch.from_numpy(of_rows["camera"])
         if auto.any() and not auto.all():
             columns["gain_auto"] = torch.from_numpy(auto)
         if self.moves != ("all",):
-            columns["moves_index"] = torch.tensor([self.moves.index(each) for each in held["moves"]])
+            columns["moves_index"] = torch.tensor([self.moves.index(moves) for moves in of_rows["moves"]])
         return columns
 
     def __str__(self) -> str:
@@ -210,42 +216,42 @@ class ExposureTable(ranges.Draws):
         return f"{len(self.rows)} conditions, camera=({cameras}), {', '.join(spans)}"
 
 
-def _used(held: Sequence[Mapping[str, Any]]) -> list[Condition]:
+def _used(conditions: Sequence[Mapping[str, Any]]) -> list[Condition]:
     """The rows of a run that its camera would use; all rows if the run has neither shares nor answers."""
-    met = [(_row(each), each.get("saturated") or 0.0, bool(each.get("recommended"))) for each in held]
-    least: dict[Condition, float] = {}  # saturated, of a setting at any exposure
-    most_lux_s: dict[tuple[int, float | None], float] = {}  # of a camera and gain, without saturation
-    for row, saturated, _ in met:
+    tested = [(_row(row), row.get("saturated") or 0.0, bool(row.get("recommended"))) for row in conditions]
+    least: dict[Condition, float] = {}  # the least saturated share at any exposure, by the rest of the row
+    most_lux_s: dict[tuple[int, float | None], float] = {}  # the most without saturation, by camera and gain
+    for row, saturated, _ in tested:
         setting, reader = row._replace(exposure_s=0.0), (row.camera, row.gain_db)
         least[setting] = min(least.get(setting, 1.0), saturated)
         light = row.exposure_s * row.illuminance_lux * (saturated <= _MOST_SATURATED)
         most_lux_s[reader] = max(most_lux_s.get(reader, 0.0), light)
-    fit = [
+    unsaturated = [
         (row, recommended)
-        for row, saturated, recommended in met
+        for row, saturated, recommended in tested
         if saturated <= max(_MOST_SATURATED, least[row._replace(exposure_s=0.0)])
     ]
-    answered = {row._replace(exposure_s=0.0) for row, recommended in fit if recommended}
+    answered = {row._replace(exposure_s=0.0) for row, recommended in unsaturated if recommended}
     return [
         row._replace(
             most_lux_s=max(most_lux_s[row.camera, row.gain_db], row.exposure_s * row.illuminance_lux)
         )
-        for row, recommended in fit
+        for row, recommended in unsaturated
         if recommended or row._replace(exposure_s=0.0) not in answered
     ]
 
 
-def _row(held: Mapping[str, Any]) -> Condition:
-    """A condition of a run's file: velocities x right and y down."""
-    x, y = float(held.get("velocity_x_px_s", 0.0)), float(held.get("velocity_y_px_s", 0.0))
-    gain = held.get("gain_db", 0.0)
+def _row(written: Mapping[str, Any]) -> Condition:
+    """A condition as a run's file has it, with velocities x right and y down."""
+    x, y = float(written.get("velocity_x_px_s", 0.0)), float(written.get("velocity_y_px_s", 0.0))
+    gain = written.get("gain_db", 0.0)
     return Condition(
-        exposure_s=float(held["exposure_s"]),
-        illuminance_lux=float(held["illuminance_lux"]),
+        exposure_s=float(written["exposure_s"]),
+        illuminance_lux=float(written["illuminance_lux"]),
         speed_px_s=math.hypot(x, y),
         direction_deg=math.degrees(math.atan2(-y, x)) + 0.0,
-        temperature_c=float(held.get("temperature_c", 25.0)),
+        temperature_c=float(written.get("temperature_c", 25.0)),
         gain_db=None if gain == "auto" else float(gain),
-        moves=str(held.get("moves", "all")),
-        camera=int(held.get("camera", 0)),
+        moves=str(written.get("moves", "all")),
+        camera=int(written.get("camera", 0)),
     )

@@ -25,7 +25,7 @@ from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
 from blurnoise.training.augmentation import OverConditions
 from blurnoise.training.labels import boxes_after, keypoints_after, masks_after
-from blurnoise.training.ranges import Cameras, ExposureRanges
+from blurnoise.training.ranges import Cameras
 
 _POINTS = getattr(tv_tensors, "KeyPoints", tv_tensors.Mask)  # from torchvision 0.23 on
 _LABELS = (tv_tensors.BoundingBoxes, tv_tensors.Mask, _POINTS)
@@ -44,7 +44,7 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
     pictures that are neither uint8 nor float, and for rotated boxes that would have to move.
     """
 
-    def __init__(self, camera: Cameras = ExposureRanges.camera, *, p: float = 0.5, **options: Any) -> None:
+    def __init__(self, camera: Cameras | None = None, *, p: float = 0.5, **options: Any) -> None:
         super().__init__()
         self.set_conditions(camera, **options)
         self.p = in_range("p", p, 0.0, 1.0)
@@ -54,16 +54,15 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         return f"{self.ranges}, {super().extra_repr()}"
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
-        """Conditions and noise seed, (1,) each, whether they apply, and the masks, if something is done with them."""
+        """Conditions and noise seed, (1,) each, whether they apply, and the masks if the conditions use them."""
         drawn = {**self._drawn(1, torch.float32), "applies": bool(torch.rand(()) < self.p)}
-        found = [each for each in flat_inputs if isinstance(each, tv_tensors.Mask)]
-        if found and self.ranges.uses_masks:
-            masks = [each.as_subclass(Tensor).reshape(-1, *each.shape[-2:]) for each in found]
-            drawn["masks"] = torch.cat(masks)[None]
+        masks = [each.as_subclass(Tensor) for each in flat_inputs if isinstance(each, tv_tensors.Mask)]
+        if masks and self.ranges.uses_masks:
+            drawn["masks"] = torch.cat([mask.reshape(-1, *mask.shape[-2:]) for mask in masks])[None]
         return drawn
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
-        """One input under ``params``: an image or video exposed, labels at mid-exposure, all else as it is."""
+        """One input under ``params``: an image or video exposed, labels at mid-exposure, anything else unchanged."""
         if not params["applies"]:
             return inpt
         if isinstance(inpt, _LABELS):
@@ -85,7 +84,7 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         frames = (picture.float() / 255 if coded else picture).reshape(-1, *picture.shape[-3:])
         noise = torch.Generator().manual_seed(int(params["noise_seed"]))
         seeds = rng.item_seeds(noise, len(frames))
-        exposed = self._exposed(frames, params, [0] * len(frames), seeds, self.flags).reshape(picture.shape)
+        exposed = self._exposed(frames, params, [0] * len(frames), seeds).reshape(picture.shape)
         return exposed.mul(255).round().to(torch.uint8) if coded else exposed
 
     def _label(self, label: Any, params: dict[str, Any]) -> Any:
@@ -95,11 +94,11 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
             return tv_tensors.wrap(self._boxes(label, params), like=label) if moves else label
         if not self._moves_labels:
             return label
-        plain, by = label.as_subclass(Tensor), self._taken(params)
+        plain, exposures = label.as_subclass(Tensor), self._of_targets(params)
         if isinstance(label, tv_tensors.Mask):
-            return tv_tensors.wrap(masks_after(plain[None], by)[0], like=label)
+            return tv_tensors.wrap(masks_after(plain[None], exposures)[0], like=label)
         points = plain.reshape(1, -1, 2).double()
-        moved = keypoints_after(points, by, label.canvas_size).view(plain.shape)
+        moved = keypoints_after(points, exposures, label.canvas_size).view(plain.shape)
         return tv_tensors.wrap((moved if plain.is_floating_point() else moved.round()).to(plain), like=label)
 
     def _boxes(self, boxes: Any, params: dict[str, Any]) -> Tensor:
@@ -110,12 +109,13 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
             )
         upright = tv_tensors.BoundingBoxFormat.XYXY
         edges = v2.functional.convert_bounding_box_format(boxes, new_format=upright).as_subclass(Tensor)
-        by = self._taken(params)
         moved = boxes_after(
-            edges.reshape(1, -1, 4).double(), by, boxes.canvas_size, grow=self.flags["grow_boxes"]
-        )
-        moved = moved.view_as(edges)
-        if not edges.is_floating_point():  # whole pixels that hold them
+            edges.reshape(1, -1, 4).double(),
+            self._of_targets(params),
+            boxes.canvas_size,
+            grow=self.flags["grow_boxes"],
+        ).view_as(edges)
+        if not edges.is_floating_point():  # the smallest whole box that contains it
             moved = torch.cat([moved[..., :2].floor(), moved[..., 2:].ceil()], -1)
         back = v2.functional.convert_bounding_box_format(
             moved.to(edges), old_format=upright, new_format=boxes.format

@@ -51,6 +51,7 @@ FIGURES = {
 
 ROLLS = blurnoise.Exposure(Camera.preset("ar0237"), 0.01, 10.0, (90.0, 20.0))
 BOXES = torch.tensor([[3.0, 4.0, 9.0, 20.0]])
+LABELS = {"keypoints": np.zeros((1, 2)), "boxes": np.ones((1, 4))}
 LAYER = {
     "light": torch.full((3, 9, 7), 0.4),
     "alpha": torch.ones(9, 7),
@@ -112,9 +113,9 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (AutoExposure, METERED),
     (blurnoise.Capture, {"exposure_ratio": 4.0, "gain_db": 6.0}),
     (blurnoise.Pwm, {"frequency_hz": 90.0, "duty": 0.1, "phase": 0.5}),
-    (blurnoise.expose_numpy, {"image": np.zeros((2, 24, 31, 3), np.uint8), **LIT, "generator": [1, 2]}),
-    (blurnoise.labels_numpy, {"shape": (24, 31), **LIT, "keypoints": np.zeros((1, 2)), "boxes": np.ones((1, 4))}),
-    (expose_pictures, {"image": PICTURES, **LIT, **DIRECTED, "generator": [1, 2]}),
+    (blurnoise.expose_numpy, {"image": np.zeros((2, 24, 31, 3), np.uint8), "exposure": ROLLS}),
+    (blurnoise.labels_numpy, {"shape": (24, 31), "exposure": ROLLS, **LABELS}),
+    (expose_pictures, {"image": PICTURES, "exposure": ROLLS}),
     (slanted_edge, MEASURING),
     (charts.flat_patch, {"height_px": 5, "width_px": 5, "reflectance": 0.2}),
     (charts.slanted_edge, {"height_px": 5, "width_px": 5, **TURNED, "dark": 0.1, "bright": 0.8}),

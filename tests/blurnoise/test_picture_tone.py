@@ -77,6 +77,6 @@ def test_training_pictures_leave_their_curve_and_get_the_cameras():
     image = torch.full((1, 3, 100, 100), float(filmic(np.array(0.2))))
     white = {"exposure_s": (0.01, 0.01), "illuminance_lux": (155.0, 155.0), "speed_px_s": (0.0, 0.0)}
     seen = RandomExposure(camera, encoding="filmic", p=1.0, **white)(image)
-    electrons = 0.2 * 155.0 * 0.01 * 6906.0  # of the preset, tests/blurnoise/test_camera.py
+    electrons = 0.2 * 155.0 * 0.01 * 6906.0  # of the preset, tests/blurnoise/camera/test_camera_files.py
     share = electrons * camera.sensor.system_gain_dn_per_e / (4095 - camera.sensor.black_level_dn)
     assert float(seen.mean()) == pytest.approx(np.interp(share, [0, 0.25, 1], [0, 0.6, 1]), abs=2e-3)

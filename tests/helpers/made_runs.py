@@ -10,11 +10,12 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import average_curve, averages, recommendations
 from blurnoise_eval.answers.table import ORDER, ScoreTable
-from blurnoise_eval.plan.axes import SETTING
+from blurnoise_eval.plan.axes import FURTHER, SETTING
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.rows import Example, LabelledBox
 from numpy.typing import NDArray
+from plans import OWN
 from stored_rows import answer, cell
 
 EXPOSURES_S = (0.001, 0.004, 0.016, 0.064)
@@ -51,8 +52,8 @@ def made_run(
     moves=(0.0,),
 ):
     """``groups`` gives the best confidence of each target group, which model k reaches to 1 - k/5."""
-    axes = {"illuminance_lux": lights_lux, "temperature_c": temperatures_c, "f_number": f_numbers}
-    axes |= {"defocus_radius_px": (0.0,), "gain_db": (0.0,), "moves": moves, "ego_speed_m_s": (0.0,)}
+    varied = {"temperature_c": temperatures_c, "f_number": f_numbers, "moves": moves}
+    axes = {"illuminance_lux": lights_lux, **{name: varied.get(name, (OWN[name],)) for name in FURTHER}}
     axes |= {"velocity_x_px_s": speeds, "velocity_y_px_s": (0.0,), "exposure_s": exposures_s}
     conditions = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
     exposed = [

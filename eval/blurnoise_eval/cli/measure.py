@@ -147,7 +147,8 @@ def measure(
         axis.key: config.plan.values(axis.name) != usual.plan.values(axis.name) or None
         for axis in ChartPlan.AXES
     }
-    changed |= {"camera": config.camera, "plan": config != usual or None}
+    changed["camera"] = config.camera
+    changed["plan"] = config != usual or None if not any(changed.values()) else None  # of what has no option
     inputs.refuse_unused(changed, "simulated charts, so no IMAGE")
     from blurnoise.metrics.edge.response import ISO_EDITION
     from blurnoise_eval.calibration.tone import read_oecf

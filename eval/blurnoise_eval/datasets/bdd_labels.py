@@ -81,33 +81,31 @@ def bdd(
         frames = document.get("frames") if isinstance(document, dict) else document
         config = document.get("config") if isinstance(document, dict) else None
         common = checked(_Config, config, "config").image_size if isinstance(config, dict) else None
-        every = list(each(frames, "frames", _Frame))
-        sized = bool(every) and all(frame.size or common for frame in every)
-        names = selection.names(_names(every, selection), sized=sized)
-        known: set[str] = set()
+        checked_frames = list(each(frames, "frames", _Frame))
+        sized = bool(checked_frames) and all(frame.size or common for frame in checked_frames)
+        names = selection.names(_names(checked_frames, selection), sized=sized)
         entries: list[Listed] = []
-        for place, (name, frame) in enumerate(zip(names, every, strict=True)):
+        for index, (name, frame) in enumerate(zip(names, checked_frames, strict=True)):
             targets: list[Target] = []
             size = frame.size or common
             for label in frame.labels or ():
                 if (box := label.box2d) and label.category:
-                    known.add(label.category)
-                    beside = label.model_extra or {}
-                    attributes = beside.get("attributes")
+                    others = label.model_extra or {}
+                    attributes = others.get("attributes")
                     marks = _Marks()
                     if isinstance(attributes, dict):
-                        marks = checked(_Marks, attributes, f"frames[{place}]: attributes")
+                        marks = checked(_Marks, attributes, f"frames[{index}]: attributes")
                     corners = (box.x1, box.y1, box.x2, box.y2)
                     crowd = marks.crowd or marks.ignored
                     targets += selection.target(
-                        label.category, corners, picture=name, crowd=crowd, annotation=beside
+                        label.category, corners, picture=name, crowd=crowd, annotation=others
                     )
             entries.append(Listed(name, tuple(targets), size_px=size.size_px if size else None))
-        return selection.picture_set(entries, {label: n for n, label in enumerate(sorted(known), start=1)})
+        return selection.picture_set(entries)
 
 
 def _names(frames: Sequence[_Frame], selection: Selection) -> list[str]:
-    """Each in the folder of its video, unless its pictures are not there but beside each other."""
+    """The frames' names in the folder of their video, unless the pictures of all videos are in one folder."""
     flat = [frame.name for frame in frames]
     in_videos = [
         frame.name

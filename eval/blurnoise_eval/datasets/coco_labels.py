@@ -92,23 +92,23 @@ def coco(
         }
         used: set[int] = set()
         repeated = ignored = 0
-        for place, entry in enumerate(each(document.annotations, "annotations", _Annotation)):
+        for index, entry in enumerate(each(document.annotations, "annotations", _Annotation)):
             if entry.category_id not in names:
                 span = f"{min(names)} to {max(names)}" if names else "none"
                 known = f"category_id = {entry.category_id}: must be the id of a category ({span})"
-                raise ValueError(f"annotations[{place}]: {known}")
+                raise ValueError(f"annotations[{index}]: {known}")
             if entry.image_id not in listed:
                 selection.leave_out("of pictures that are not in images")
                 continue
-            stated = document.annotations[place]
-            annotation = {key: value for key, value in stated.items() if key not in _READ}
-            own = stated.get("id")
-            if type(own) is int and 0 < own < LARGEST_ID:  # for COCO's tools 0 is none
-                if own in used:
+            written = document.annotations[index]
+            annotation = {key: value for key, value in written.items() if key not in _READ}
+            number = written.get("id")
+            if type(number) is int and 0 < number < LARGEST_ID:  # for COCO's tools 0 is none
+                if number in used:
                     repeated += 1
                 else:
-                    annotation["id"] = own
-                    used.add(own)
+                    annotation["id"] = number
+                    used.add(number)
             if "iscrowd" in annotation:
                 annotation["iscrowd"] = int(entry.iscrowd)
             ignored += entry.ignore
@@ -127,10 +127,7 @@ def coco(
             Listed(file_name, tuple(targets), number, size_px)
             for number, (file_name, size_px, targets) in listed.items()
         ]
-        notes = {
-            "annotations whose id occurs before, each used as a target of its own": repeated,
-            'annotations with "ignore", used as any other, as COCO\'s tools do': ignored,
-        }
-        categories = {name: number for number, name in names.items()}
-        said = [f"{what}: {n}" for what, n in notes.items() if n] + shared_names(names.values())
-        return selection.picture_set(entries, categories, said)
+        selection.note("annotations whose id occurs before, each used as a target of its own", repeated)
+        selection.note('annotations with "ignore", used as any other, as COCO\'s tools do', ignored)
+        selection.notes += shared_names(names.values())
+        return selection.picture_set(entries, {name: number for number, name in names.items()})

@@ -86,8 +86,10 @@ def target_mask(picture: Picture, size: tuple[int, int]) -> Matte:
     if picture.cut is not None:
         whole = Window(0, 0, *size)
         layers = picture.cut().layers
-        found = [placed(each.alpha[None, None], each.place_px, whole, size, "replicate") for each in layers]
-        mattes = [each[0, 0].numpy() for each in found]
+        alphas = (
+            placed(layer.alpha[None, None], layer.place_px, whole, size, "replicate") for layer in layers
+        )
+        mattes = [alpha[0, 0].numpy() for alpha in alphas]
     else:
         mattes = [_matte(target, size) for target in picture.targets or () if not target.crowd]
     return np.asarray(np.max(mattes, axis=0), np.float32) if mattes else np.zeros(size, np.float32)

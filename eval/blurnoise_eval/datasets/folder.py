@@ -40,11 +40,11 @@ def image_folder(folder: str | Location) -> PictureSet:
 
     Raises ``ValueError`` when the folder is missing, cannot be read or holds no picture.
     """
-    place = location(folder)
-    found, notes = pictures_below(place)
-    pictures = from_files(place, [*map(Listed, found)], found)
-    notes += picture_doubts(place, [*found])
-    return PictureSet("folder", str(place), pictures, notes=tuple(notes), folder=place)
+    root = location(folder)
+    pictures_in_folder, notes = pictures_below(root)
+    pictures = from_files(root, [*map(Listed, pictures_in_folder)], pictures_in_folder)
+    notes += picture_doubts(root, [*pictures_in_folder])
+    return PictureSet("folder", str(root), pictures, notes=tuple(notes), folder=root)
 
 
 def pictures_below(folder: Location) -> tuple[dict[str, str], list[str]]:
@@ -57,20 +57,20 @@ def pictures_below(folder: Location) -> tuple[dict[str, str], list[str]]:
     if isinstance(folder, Path) and not folder.is_dir():
         raise ValueError(f"images = {str(folder)!r}: must be a folder")
     try:
-        found = listing(folder)
+        files = listing(folder)
     except OSError as error:
         raise ValueError(f"images = {str(error.filename or folder)!r}: {error.strerror}") from None
-    runs = [name.removesuffix(RUN_FILE) for name in found if f"/{name}".endswith(f"/{RUN_FILE}")]
-    own = [f"{pictures}/" for pictures in RUN_PICTURES] if "" in runs else []
-    left_out = (*own, *filter(None, runs))
+    runs = [name.removesuffix(RUN_FILE) for name in files if f"/{name}".endswith(f"/{RUN_FILE}")]
+    own_pictures = [f"{pictures}/" for pictures in RUN_PICTURES] if "" in runs else []
+    left_out = (*own_pictures, *filter(None, runs))
     names = [
-        name for name in sorted(found) if name.lower().endswith(SUFFIXES) and not name.startswith(left_out)
+        name for name in sorted(files) if name.lower().endswith(SUFFIXES) and not name.startswith(left_out)
     ]
-    taken = {name: found[name] for name in names if not is_litter(name)}
-    if not taken:
+    chosen = {name: files[name] for name in names if not is_litter(name)}
+    if not chosen:
         raise ValueError(f"images = {str(folder)!r}: contains no pictures ({' '.join(SUFFIXES)})")
-    litter = len(names) - len(taken)
-    return taken, [f"files of macOS (._NAME), which are no pictures, left out: {litter}"] if litter else []
+    litter = len(names) - len(chosen)
+    return chosen, [f"files of macOS (._NAME), which are no pictures, left out: {litter}"] if litter else []
 
 
 def is_litter(name: str) -> bool:
@@ -82,9 +82,9 @@ def picture_doubts(folder: Location, names: Sequence[str]) -> list[str]:
     """Signs, in up to ``_LOOKED_AT`` of the pictures, that the files mean other values than are read: pictures of 16
     bits that use fewer, and TIFFs with more pages."""
     able = [name for name in names if name.lower().endswith(_SIXTEEN_BITS)]
-    places = np.unique(np.linspace(0, len(able) - 1, min(_LOOKED_AT, len(able))).round().astype(int))
+    indices = np.unique(np.linspace(0, len(able) - 1, min(_LOOKED_AT, len(able))).round().astype(int))
     most, pages, doubts = 0, list[str](), list[str]()
-    for name in (able[place] for place in places):
+    for name in (able[index] for index in indices):
         with suppress(UnreadablePicture):
             header = depth_and_pages(folder / name)
             pages += [name] * header.more_pages
@@ -111,14 +111,14 @@ def from_files(
     """
     if isinstance(folder, Path):
         note_inputs(folder / entry.name for entry in entries)
-    found = versions(folder, [entry.name for entry in entries]) if known is None else known
+    known_versions = versions(folder, [entry.name for entry in entries]) if known is None else known
     pictures = []
-    for place, (name, targets, image_id, size_px) in enumerate(entries, start=1):
+    for number, (name, targets, image_id, size_px) in enumerate(entries, start=1):
         printed = name.encode("utf-8", "backslashreplace").decode()  # tables hold no bytes that are not UTF-8
-        version = found.get(name)
+        version = known_versions.get(name)
         load = partial(_load, folder, name, size_px, version)
         identity = f"{printed} {version or 'missing'}"
-        pictures.append(Picture(printed, targets, load, identity, place if image_id is None else image_id))
+        pictures.append(Picture(printed, targets, load, identity, number if image_id is None else image_id))
     return tuple(pictures)
 
 

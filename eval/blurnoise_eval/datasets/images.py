@@ -61,13 +61,13 @@ def decode_linear(path: Path) -> NDArray[np.float32]:
     Of the formats with floats OpenCV reads .hdr, .tiff and .pfm, the package OpenEXR .exr. Raises
     :class:`UnreadablePicture` as :func:`decode` does, and for light that is negative or not finite.
     """
-    found = _openexr(path) if path.suffix.lower() == ".exr" else _stored(path, MOST_MEGAPIXELS)
-    if found is None or (found.dtype not in (np.uint8, np.uint16) and found.dtype.kind != "f"):
+    values = _openexr(path) if path.suffix.lower() == ".exr" else _stored(path, MOST_MEGAPIXELS)
+    if values is None or (values.dtype not in (np.uint8, np.uint16) and values.dtype.kind != "f"):
         raise UnreadablePicture(
             f"{path}: must be a picture with float, 8-bit or 16-bit values that OpenCV can decode"
         )
-    most = float(np.iinfo(found.dtype).max) if found.dtype.kind == "u" else 1.0
-    light = found.astype(np.float32) / np.float32(most)
+    most = float(np.iinfo(values.dtype).max) if values.dtype.kind == "u" else 1.0
+    light = values.astype(np.float32) / np.float32(most)
     if not np.isfinite(light).all() or light.min() < 0:
         raise UnreadablePicture(f"{path}: contains negative or infinite light; must be finite and >= 0")
     return light
@@ -76,8 +76,8 @@ def decode_linear(path: Path) -> NDArray[np.float32]:
 def _check_size(path: Location, size_px: tuple[int, int], max_megapixels: float) -> None:
     width, height = size_px
     if (megapixels := width * height / 1e6) > max_megapixels:
-        seen = f"{width} x {height} px, {megapixels:.0f} megapixels"
-        raise UnreadablePicture(f"{path}: {seen}; must be at most {max_megapixels:g}")
+        size = f"{width} x {height} px, {megapixels:.0f} megapixels"
+        raise UnreadablePicture(f"{path}: {size}; must be at most {max_megapixels:g}")
 
 
 def _openexr(path: Path) -> NDArray[np.float32]:
@@ -123,8 +123,8 @@ def _stored(path: Location, max_megapixels: float, known: str | None = None) -> 
         if page := tiff.first_page(data):
             _check_size(path, page.size_px, max_megapixels)
         if header and header.multiplied:
-            with PIL.Image.open(BytesIO(data)) as found:  # its mapped files it turns wrongly
-                return np.asarray(PIL.ImageOps.exif_transpose(found).convert("RGB"))
+            with PIL.Image.open(BytesIO(data)) as opened:  # its mapped files it turns wrongly
+                return np.asarray(PIL.ImageOps.exif_transpose(opened).convert("RGB"))
         decoded = tiff.decode(data, page) if page else _by_opencv(data)
     except UnreadablePicture:
         raise
@@ -213,8 +213,8 @@ def sizes_px(folder: Location, names: Sequence[str]) -> dict[str, tuple[int, int
         except UnreadablePicture:
             return None
 
-    found = for_each({name: folder / name for name in names}, size)
-    return {name: each for name, each in found.items() if each}
+    sizes = for_each({name: folder / name for name in names}, size)
+    return {name: known_size for name, known_size in sizes.items() if known_size}
 
 
 def content(picture: Image) -> str:
@@ -245,14 +245,14 @@ def write_picture(path: str | Path, picture: Image) -> None:
     The file appears whole or not at all. Raises ``ValueError`` for an unknown suffix, ``OSError`` where it
     cannot be written.
     """
-    place = Path(path)
-    if picture.dtype == np.uint16 and place.suffix.lower() not in (".png", ".tif", ".tiff"):
-        raise ValueError(f"output = {str(place)!r}: must end in .png or .tiff for 16 bits")
+    file = Path(path)
+    if picture.dtype == np.uint16 and file.suffix.lower() not in (".png", ".tif", ".tiff"):
+        raise ValueError(f"output = {str(file)!r}: must end in .png or .tiff for 16 bits")
     try:
-        data = encode(picture, place.suffix)
+        data = encode(picture, file.suffix)
     except cv2.error:
-        raise ValueError(f"output = {str(place)!r}: unknown picture suffix {place.suffix!r}") from None
-    write_whole(place, data)
+        raise ValueError(f"output = {str(file)!r}: unknown picture suffix {file.suffix!r}") from None
+    write_whole(file, data)
 
 
 def encode(picture: Image, suffix: str = ".png") -> bytes:
@@ -264,9 +264,9 @@ def encode(picture: Image, suffix: str = ".png") -> bytes:
 
 def sample(pictures: PictureSet, count: int) -> list[tuple[Picture, NDArray[np.uint8]]]:
     """At most ``count`` of the pictures, evenly spread over the set, with 8 bits; those not readable left out."""
-    found = []
-    for place in np.unique(np.linspace(0, len(pictures) - 1, min(count, len(pictures))).round().astype(int)):
-        picture = pictures.pictures[place]
+    chosen = []
+    for index in np.unique(np.linspace(0, len(pictures) - 1, min(count, len(pictures))).round().astype(int)):
+        picture = pictures.pictures[index]
         with suppress(UnreadablePicture):
-            found.append((picture, eight_bit(picture.load())))
-    return found
+            chosen.append((picture, eight_bit(picture.load())))
+    return chosen

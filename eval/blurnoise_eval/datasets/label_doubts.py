@@ -90,16 +90,21 @@ def box_doubts(boxes: Boxes, layout: str) -> list[str]:
 def area_doubts(boxes: Boxes, areas_px2: NDArray[np.float64], layout: str) -> list[str]:
     """Areas in the labels (NaN: none) that fit corners where boxes are read as x, y, width, height. That of a mask
     fits neither."""
-    written, stated = _LAYOUTS[layout][0](boxes[:, :4]), areas_px2 > 0
-    if layout != "x, y, width, height" or not stated.any():
+    written, known = _LAYOUTS[layout][0](boxes[:, :4]), areas_px2 > 0
+    if layout != "x, y, width, height" or not known.any():
         return []
-    own, corners = written[stated, 2:].prod(axis=1), (written[stated, 2:] - written[stated, :2]).prod(axis=1)
-    areas = areas_px2[stated]
-    fit = int((np.isclose(corners, areas, rtol=_SAME_AREA) & ~np.isclose(own, areas, rtol=_SAME_AREA)).sum())
+    of_sizes, of_corners = (
+        written[known, 2:].prod(axis=1),
+        (written[known, 2:] - written[known, :2]).prod(axis=1),
+    )
+    areas = areas_px2[known]
+    fit = int(
+        (np.isclose(of_corners, areas, rtol=_SAME_AREA) & ~np.isclose(of_sizes, areas, rtol=_SAME_AREA)).sum()
+    )
     if fit < _MOST_FIT * len(areas):
         return []
-    said = f"{fit} of {len(areas)} areas are those of corners x0, y0, x1, y1"
-    return [f"{said}: are the boxes corners? They are read as {layout}"]
+    count = f"{fit} of {len(areas)} areas are those of corners x0, y0, x1, y1"
+    return [f"{count}: are the boxes corners? They are read as {layout}"]
 
 
 def _outside(corners: Boxes, sizes: Boxes, layout: str) -> list[str]:
@@ -136,13 +141,13 @@ def set_doubts(entries: Sequence[Listed], empty_said: int) -> list[str]:
     twice = 0
     for entry in entries:
         rows = Counter(
-            (each.label, each.text, *(round(side, 1) for side in each.box_xyxy))
-            for each in entry.targets or ()
+            (box_target.label, box_target.text, *(round(side, 1) for side in box_target.box_xyxy))
+            for box_target in entry.targets or ()
         )
         twice += sum(count - 1 for count in rows.values())
     if twice:
-        said = f"{twice} of {len(targets)} boxes occur before, with the same class and corners"
-        doubts.append(f"{said}; each is a target of its own, as for COCO's tools")
+        repeated = f"{twice} of {len(targets)} boxes occur before, with the same class and corners"
+        doubts.append(f"{repeated}; each is a target of its own, as for COCO's tools")
     empty = sum(not entry.targets for entry in entries)
     if empty > max(empty_said, _MOST_EMPTY * len(entries)):
         doubts.append(f"{empty} of {len(entries)} pictures have no target")

@@ -80,33 +80,33 @@ def checked(form: type[Form], value: object, name: str = "") -> Form:
         return form.model_validate(value)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
-    place, must = list(fault["loc"]), re.sub(r"^\w+ should", "must", fault["msg"])
+    location, must = list(fault["loc"]), re.sub(r"^\w+ should", "must", fault["msg"])
     must = must.partition(" or instance")[0].replace(" after validation", "")
     if fault["type"] == "missing":
-        must = f"has no {place.pop()!r}"
-    for part in place:
+        must = f"has no {location.pop()!r}"
+    for part in location:
         name += f"[{part}]" if isinstance(part, int) else f": {part}"
-    found = f" = {shown(fault['input'])}" if must.startswith("must") else ""
-    raise ValueError(f"{name}{found}: {must.removeprefix('Value error, ')}".lstrip(" :="))
+    value_text = f" = {shown(fault['input'])}" if must.startswith("must") else ""
+    raise ValueError(f"{name}{value_text}: {must.removeprefix('Value error, ')}".lstrip(" :="))
 
 
 def each(entries: object, name: str, form: type[Form]) -> Iterator[Form]:
     """Every object of a list in that form. Raises as :func:`checked` does."""
     if not isinstance(entries, list):
         raise ValueError(f"{name} = {shown(entries)}: must be a list")
-    for place, entry in enumerate(entries):
-        yield checked(form, entry, f"{name}[{place}]")
+    for index, entry in enumerate(entries):
+        yield checked(form, entry, f"{name}[{index}]")
 
 
 def each_line(content: str, read: Callable[[str], T]) -> Iterator[T]:
     """Apply ``read`` to every line that is not blank. A ``ValueError`` gets the number of the line."""
-    for place, line in enumerate(content.split("\n"), start=1):
+    for number, line in enumerate(content.split("\n"), start=1):
         if line.strip():
             try:
-                found = read(line)
+                value = read(line)
             except ValueError as error:
-                raise ValueError(f"line {place}: {error}") from None
-            yield found
+                raise ValueError(f"line {number}: {error}") from None
+            yield value
 
 
 def xml_of(content: str) -> ElementTree.Element:

@@ -49,11 +49,11 @@ def scenes(looks: Sequence[str], clusters: Sequence[str] = ()) -> NDArray[np.int
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    there = np.flatnonzero([bool(each) for each in looks])
-    hashes = np.array([int(looks[place], 16) for place in there.tolist()], np.uint64)
+    there = np.flatnonzero([bool(look) for look in looks])
+    hashes = np.array([int(looks[index], 16) for index in there.tolist()], np.uint64)
     alike = there[np.stack(np.nonzero(np.bitwise_count(hashes[:, None] ^ hashes) <= NEAR))]
-    first = {name: place for place, name in reversed(list(enumerate(clusters)))}
-    of_cluster = np.array([(place, first[name]) for place, name in enumerate(clusters)], np.int64).reshape(
+    first = {name: index for index, name in reversed(list(enumerate(clusters)))}
+    of_cluster = np.array([(index, first[name]) for index, name in enumerate(clusters)], np.int64).reshape(
         -1, 2
     )
     one, other = np.concatenate([of_cluster.T, alike], axis=1)

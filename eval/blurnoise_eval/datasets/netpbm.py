@@ -37,7 +37,7 @@ def header(data: bytes) -> Header | None:
     if data[:1] != b"P" or not b"1" <= kind <= b"7" or not data[2:3].isspace():
         return None
     if kind == b"7":
-        found = _of_pam(head)
+        parsed = _of_pam(head)
     else:
         numbers = _NUMBERS.match(head)
         if numbers is None:
@@ -46,14 +46,14 @@ def header(data: bytes) -> Header | None:
         width, height = int(numbers[1]), int(numbers[2])
         maximum = 1 if bitmap else int(numbers[3] or 0)
         begin = numbers.end(2 if bitmap else 3) + 1  # one character of space
-        found = Header(int(kind), width, height, 3 if kind in b"36" else 1, maximum, begin)
-    if not (found.width and found.height and 1 <= found.maximum <= 65535 and 1 <= found.channels <= 4):
-        *sides, channels, maximum = found[1:5]
+        parsed = Header(int(kind), width, height, 3 if kind in b"36" else 1, maximum, begin)
+    if not (parsed.width and parsed.height and 1 <= parsed.maximum <= 65535 and 1 <= parsed.channels <= 4):
+        *sides, channels, maximum = parsed[1:5]
         raise ValueError(
             f"has {sides[0]} x {sides[1]} px, {channels} channels and the maximum {maximum} in its header; must have "
             "at least 1 px, 1 to 4 channels and a maximum of 1 to 65535"
         )
-    return found
+    return parsed
 
 
 def _of_pam(head: bytes) -> Header:
@@ -69,10 +69,10 @@ def _of_pam(head: bytes) -> Header:
     return Header(7, width, height, depth, maximum, match.end() if match else 0)
 
 
-def decode(data: bytes, found: Header) -> Pixels:
+def decode(data: bytes, about: Header) -> Pixels:
     """The first picture, (H, W) grey or (H, W, 3) RGB, without transparency: value / maximum, 8 bits up to a maximum
     of 255, else 16. Raises ``ValueError`` for missing pixels and values beyond the maximum."""
-    kind, width, height, channels, maximum, begin = found
+    kind, width, height, channels, maximum, begin = about
     shape, count = (height, width, channels), height * width * channels
     body = memoryview(data)[begin:]
     try:

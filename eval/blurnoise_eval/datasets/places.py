@@ -29,27 +29,27 @@ class Places:
     @property
     def notes(self) -> list[str]:
         """How many paths were found by their ends."""
-        said = "paths of another folder, whose ends are files of this one and are read"
-        return [f"{said}: {self._moved}"] if self._moved else []
+        text = "paths of another folder, whose ends are files of this one and are read"
+        return [f"{text}: {self._moved}"] if self._moved else []
 
     def names(self, written: Sequence[str]) -> list[str]:
         """The names in the folder, as sub/picture.png. Of several paths with one start, one has to be found.
 
         Raises ``ValueError`` for a path that leaves the folder and is not found in it, or in several places.
         """
-        found = [self._name(each) for each in written]
+        names = [self._name(path) for path in written]
         starts = {
-            _slashed(each).removesuffix(name)
-            for each, name in zip(written, found, strict=True)
-            if name and _leaves(_slashed(each))
+            _slashed(path).removesuffix(name)
+            for path, name in zip(written, names, strict=True)
+            if name and _leaves(_slashed(path))
         }
-        for place, (each, name) in enumerate(zip(written, found, strict=True)):
+        for index, (path, name) in enumerate(zip(written, names, strict=True)):
             if name is None:
-                start = next((start for start in starts if start and _slashed(each).startswith(start)), None)
+                start = next((start for start in starts if start and _slashed(path).startswith(start)), None)
                 if start is None:
-                    raise ValueError(f"{_fault(each)}, and its end is not one file of {str(self.folder)!r}")
-                found[place] = inside(_slashed(each).removeprefix(start))
-        return [name or "" for name in found]
+                    raise ValueError(f"{_fault(path)}, and its end is not one file of {str(self.folder)!r}")
+                names[index] = inside(_slashed(path).removeprefix(start))
+        return [name or "" for name in names]
 
     def name(self, written: str) -> str:
         """One name, as :meth:`names`."""
@@ -62,12 +62,12 @@ class Places:
         if "\0" in path:
             return None
         if isinstance(self.folder, Path) and path.startswith("/"):
-            for own in {str(self.folder.absolute()), str(self.folder.resolve())}:
-                if path.startswith(f"{own.rstrip('/')}/"):
-                    return inside(path[len(own.rstrip("/")) + 1 :])
-        found = [end for end in ends(path) if end in self._files()]
-        self._moved += len(found) == 1
-        return found[0] if len(found) == 1 else None
+            for root in {str(self.folder.absolute()), str(self.folder.resolve())}:
+                if path.startswith(f"{root.rstrip('/')}/"):
+                    return inside(path[len(root.rstrip("/")) + 1 :])
+        matches = [end for end in ends(path) if end in self._files()]
+        self._moved += len(matches) == 1
+        return matches[0] if len(matches) == 1 else None
 
     def _files(self) -> frozenset[str]:
         if self._listed is None:
@@ -92,10 +92,10 @@ def found_in(names: Sequence[str], folder: Location) -> tuple[Location, str]:
     if not first or versions(folder, first):
         return folder, ""
     above = folder.parent if folder.name in ("annotations", "Annotations", "labels") else folder
-    beside = [above / name for name in _BESIDE] + [above] * (above != folder)
-    found = [place for place in beside if len(versions(place, first)) == len(first)]
-    if len(found) == 1:
-        return found[0], ""
+    candidates = [above / name for name in _BESIDE] + [above] * (above != folder)
+    complete = [candidate for candidate in candidates if len(versions(candidate, first)) == len(first)]
+    if len(complete) == 1:
+        return complete[0], ""
     parts = first[0].split("/")
     for count in range(1, len(parts)):
         start = "/".join(parts[:count]) + "/"

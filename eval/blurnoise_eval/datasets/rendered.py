@@ -124,19 +124,19 @@ def _placed(sizes_px: Sequence[float], number: int, seed: int) -> tuple[_Sign, .
     """Signs of these sizes in picture ``number``, one above the other in random order."""
     rng = np.random.default_rng([seed, number, 1])
     most = min(1 + SIZE_SPREAD, max(1.0, RENDERED_SIZE_PX / sum(sizes_px)))
-    own = [size * rng.uniform(1 - SIZE_SPREAD, most) for size in sizes_px]
-    free = max(0.0, RENDERED_SIZE_PX - sum(own))
-    apart = min(_APART_PX, free / (len(own) + 1))
-    gaps = apart + np.diff(np.sort(rng.uniform(0, free - (len(own) + 1) * apart, len(own))), prepend=0.0)
+    sizes = [size * rng.uniform(1 - SIZE_SPREAD, most) for size in sizes_px]
+    free = max(0.0, RENDERED_SIZE_PX - sum(sizes))
+    apart = min(_APART_PX, free / (len(sizes) + 1))
+    gaps = apart + np.diff(np.sort(rng.uniform(0, free - (len(sizes) + 1) * apart, len(sizes))), prepend=0.0)
     placed: dict[int, _Sign] = {}
     top = 0.0
-    for gap, place in zip(gaps.tolist(), rng.permutation(len(own)).tolist(), strict=True):
-        half = own[place] / 2
-        beside = half + max(0.0, min(_SMEAR_PX, RENDERED_SIZE_PX / 2 - half))
-        x = rng.uniform(beside, RENDERED_SIZE_PX - beside)
-        placed[place] = _Sign(sizes_px[place], own[place], (x, top + gap + half))
+    for gap, index in zip(gaps.tolist(), rng.permutation(len(sizes)).tolist(), strict=True):
+        half = sizes[index] / 2
+        margin = half + max(0.0, min(_SMEAR_PX, RENDERED_SIZE_PX / 2 - half))
+        x = rng.uniform(margin, RENDERED_SIZE_PX - margin)
+        placed[index] = _Sign(sizes_px[index], sizes[index], (x, top + gap + half))
         top += gap + 2 * half
-    return tuple(placed[place] for place in range(len(own)))
+    return tuple(placed[index] for index in range(len(sizes)))
 
 
 @lru_cache(maxsize=2 * RENDERED_PICTURES)  # 0.3 MB and 0.1 s each; sweeps load some twice

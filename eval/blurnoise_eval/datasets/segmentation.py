@@ -35,9 +35,9 @@ def of_polygons(polygons: Sequence[Sequence[float]], size: tuple[int, int]) -> M
     """Of polygons (x0, y0, x1, y1, ...) in a picture (H, W) the union, by the area that it takes of every pixel."""
     corners = [_corners(polygon) for polygon in polygons]
     matte = np.zeros(size, np.float32)
-    every = np.concatenate(corners)
-    left, top = np.floor(every.min(0)).clip(0).astype(int).tolist()
-    right, bottom = np.minimum(np.ceil(every.max(0)), size[::-1]).astype(int).tolist()
+    all_points = np.concatenate(corners)
+    left, top = np.floor(all_points.min(0)).clip(0).astype(int).tolist()
+    right, bottom = np.minimum(np.ceil(all_points.max(0)), size[::-1]).astype(int).tolist()
     if right <= left or bottom <= top:
         return matte
     fine = np.zeros(((bottom - top) * _FINER, (right - left) * _FINER), np.uint8)

@@ -24,6 +24,9 @@ _LOOKED_AT = 32  # pictures whose sizes are read where the labels do not say the
 class Selection:
     """The part of a labelled set that is used: boxes of these ``labels`` (all, if empty), and pictures with them.
 
+    Every reader goes the same way: :meth:`names` finds the pictures, :meth:`target` makes a target of each box or
+    counts why not, :meth:`picture_set` checks the whole. What was assumed or left out is a note of the set.
+
     images: folder of the pictures, by default that of the file, or one beside it that holds them. keep_empty: also
     use pictures without any of the labels; all detections in them are false positives. layout: what the four numbers
     of a box are in the file.
@@ -43,6 +46,7 @@ class Selection:
         self.folder = location(images) if images else self.file.parent
         self.notes: list[str] = []
         self._labels, self._keep_empty = tuple(labels), keep_empty
+        self._seen: set[str] = set()
         self._left_out: Counter[str] = Counter()
         self._boxes, self._areas = array("d"), array("d")
         self._sizes: dict[str, tuple[int, int]] = {}
@@ -55,13 +59,13 @@ class Selection:
         places = Places(self.folder)
         names = places.names(written)
         self.notes += places.notes
-        found, start = found_in(names, self.folder)
+        folder, start = found_in(names, self.folder)
         if start:
             names = [name.removeprefix(start) for name in names]
             self.notes.append(f"paths are read without their start {start!r}")
-        if found != self.folder and not self._chosen_folder:
-            self.folder = found
-            self.notes.append(f"pictures are in {str(found)!r}")
+        if folder != self.folder and not self._chosen_folder:
+            self.folder = folder
+            self.notes.append(f"pictures are in {str(folder)!r}")
         if not sized:
             self.look_at(names)
         return names
@@ -71,7 +75,12 @@ class Selection:
         if not names:
             return
         some = np.linspace(0, len(names) - 1, min(_LOOKED_AT, len(names))).round().astype(int)
-        self._sizes = sizes_px(self.folder, [names[place] for place in np.unique(some)])
+        self._sizes = sizes_px(self.folder, [names[index] for index in np.unique(some)])
+
+    def note(self, text: str, count: int) -> None:
+        """Note how often something occurs, if it does."""
+        if count:
+            self.notes.append(f"{text}: {count}")
 
     def target(
         self,
@@ -81,61 +90,71 @@ class Selection:
         *,
         picture: str = "",
         group: str | None = None,
-        **beside: Any,
+        **others: Any,
     ) -> list[Target]:
         """The box as a target, or nothing. size_px: (width, height) of the picture, where that is known.
 
-        picture: its name. group: by default its size class. ``beside``: the target's other fields. Boxes partly
+        picture: its name. group: by default its size class. ``others``: the target's other fields. Boxes partly
         outside the picture stay as they are.
         """
+        self._seen.add(label)
         if self._labels and label not in self._labels:
             return []
         self._boxes.extend((*box_xyxy, *(size_px or self._sizes.get(picture) or (math.nan, math.nan))))
-        self._areas.append(math.nan if (area := beside.get("area_px2")) is None else area)
+        self._areas.append(math.nan if (area := others.get("area_px2")) is None else area)
         x0, y0, x1, y1 = box_xyxy
         width, height = x1 - x0, y1 - y0
-        if not all(abs(each) <= LARGEST_PX for each in (x0, y0, width, height)):
+        if not all(abs(number) <= LARGEST_PX for number in (x0, y0, width, height)):  # NaN is not, either
             return self.leave_out("with coordinates that are not finite or beyond 1e6 px")
         if width <= 0 or height <= 0:
             return self.leave_out("without area")
         if size_px and (x1 <= 0 or y1 <= 0 or x0 >= size_px[0] or y0 >= size_px[1]):
             return self.leave_out("outside the picture")
         group = group or size_group(width, height, label if self._labels else "objects")
-        return [Target(label, group, box_xyxy, **beside)]
+        return [Target(label, group, box_xyxy, **others)]
 
-    def leave_out(self, why: str) -> list[Target]:
+    def leave_out(self, why: str, label: str | None = None) -> list[Target]:
         """Count a box that is left out. Returns no target."""
+        if label is not None:
+            self._seen.add(label)
         self._left_out[why] += 1
         return []
 
     def picture_set(
         self,
         entries: Iterable[Listed],
-        categories: Mapping[str, int],
-        notes: Sequence[str] = (),
+        categories: Mapping[str, int] | None = None,
         unlabelled: int = 0,
     ) -> PictureSet:
-        """The pictures that are used; a picture with crowds only is not. unlabelled: pictures without a target that
-        are noted already.
+        """The pictures that are used; a picture with crowds only is not.
+
+        categories: ids by label, by default from 1 on in alphabetical order. unlabelled: pictures without a target
+        that are noted already.
 
         Raises ``ValueError`` for a label that is not a category, if no picture is left, and for boxes that cannot be
         in px.
         """
-        every = self._keep_empty or not self._labels
-        taken = [entry for entry in entries if every or not all(each.crowd for each in entry.targets or ())]
+        if categories is None:
+            categories = {label: number for number, label in enumerate(sorted(self._seen), start=1)}
+        all_pictures = self._keep_empty or not self._labels
+        used = [
+            entry
+            for entry in entries
+            if all_pictures or not all(target.crowd for target in entry.targets or ())
+        ]
         if unknown := [label for label in self._labels if label not in categories]:
             raise ValueError(f"target = {unknown}: must be among the categories {sorted(categories)}")
-        if not taken:
+        if not used:
             raise ValueError(f"contains no pictures{f' with {list(self._labels)}' if self._labels else ''}")
         boxes = np.frombuffer(self._boxes).reshape(-1, 6)
         doubts = box_doubts(boxes, self._layout)
         doubts += area_doubts(boxes, np.frombuffer(self._areas), self._layout)
-        doubts += set_doubts(taken, len(taken) if self._labels else unlabelled)
-        pictures = from_files(self.folder, taken)
+        doubts += set_doubts(used, len(used) if self._labels else unlabelled)
+        pictures = from_files(self.folder, used)
         empty = ["pictures without targets"] * (self._keep_empty and bool(self._labels))
         chosen = ", ".join([*sorted(self._labels), *empty])
         counted = (f"{n} {'box' if n == 1 else 'boxes'} {why} left out" for why, n in self._left_out.items())
         doubtful = (f"{DOUBTFUL_LABELS}{doubt}" for doubt in doubts)
-        of_pictures = picture_doubts(self.folder, [entry.name for entry in taken])
-        every_note = (*counted, *notes, *self.notes, *doubtful, *of_pictures)
+        of_pictures = picture_doubts(self.folder, [entry.name for entry in used])
+        every_note = (*counted, *self.notes, *doubtful, *of_pictures)
         return PictureSet(self.kind, str(self.file), pictures, categories, every_note, chosen, self.folder)

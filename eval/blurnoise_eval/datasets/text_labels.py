@@ -62,8 +62,8 @@ def texts(file: str | Location, *, images: str | Location | None = None) -> Pict
         names = selection.names([name for name, _, _ in rows], sized=not with_places)
         sizes = {} if with_places else sizes_px(selection.folder, names)
         entries = []
-        for name, (_, rest, places) in zip(names, rows, strict=True):
-            targets = _targets(name, places, selection)
+        for name, (_, rest, texts_of_line) in zip(names, rows, strict=True):
+            targets = _targets(name, texts_of_line, selection)
             if name in sizes:
                 width, height = sizes[name]
                 box = (0.0, 0.0, float(width), float(height))
@@ -79,11 +79,11 @@ def _texts(written: str) -> list[tuple[_Text, dict[str, Any]]]:
 
 
 def _targets(
-    picture: str, places: Sequence[tuple[_Text, dict[str, Any]]], selection: Selection
+    picture: str, entries: Sequence[tuple[_Text, dict[str, Any]]], selection: Selection
 ) -> list[Target]:
     """The upright boxes around the points."""
     targets: list[Target] = []
-    for entry, stated in places:
+    for entry, written in entries:
         corners = np.array(entry.points)
         (x0, y0), (x1, y1) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
         targets += selection.target(
@@ -93,7 +93,7 @@ def _targets(
             group=_height_group(y1 - y0),
             crowd=entry.transcription in _UNREADABLE,
             text=entry.transcription,
-            annotation={key: value for key, value in stated.items() if key != "transcription"},
+            annotation={key: value for key, value in written.items() if key != "transcription"},
         )
     return targets
 

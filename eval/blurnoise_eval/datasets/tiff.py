@@ -101,12 +101,12 @@ def _directory(data: bytes, order: str, begin: int, *, big: bool) -> tuple[dict[
     if count > len(data) // step:
         raise struct.error
     tags = {}
-    for place in range(at, at + count * step, step):
-        tag, kind, number = struct.unpack_from(order + entry_code, data, place)
+    for entry in range(at, at + count * step, step):
+        tag, kind, number = struct.unpack_from(order + entry_code, data, entry)
         if kind not in _SIZES or number > _MOST_VALUES:
             continue
         size, code = _SIZES[kind]
-        values = place + step - inline
+        values = entry + step - inline
         if size * number > inline:
             values = struct.unpack_from(order + ("Q" if big else "I"), data, values)[0]
         tags[tag] = struct.unpack_from(f"{order}{number}{code}", data, values)
@@ -127,28 +127,28 @@ def decode(data: bytes, page: Page) -> NDArray[Any]:
         raise ValueError(f"has {samples} channels; must have 1 to 4")
     if bits > 8 and samples > 1 and page.one(_PLANAR, 1) == 2:
         planes = [_decoded(_plane(data, page, number)) for number in range(3 if meaning == _RGB else 1)]
-        found = None if any(plane is None for plane in planes) else np.dstack(planes[::-1])  # type: ignore[arg-type]
-        found = found[..., 0] if found is not None and found.shape[2] == 1 else found
+        pixels = None if any(plane is None for plane in planes) else np.dstack(planes[::-1])  # type: ignore[arg-type]
+        pixels = pixels[..., 0] if pixels is not None and pixels.shape[2] == 1 else pixels
     else:
-        found = _decoded(data)
-        found = _by_pillow(data) if found is None and bits <= 8 else found
-    if found is None:
+        pixels = _decoded(data)
+        pixels = _by_pillow(data) if pixels is None and bits <= 8 else pixels
+    if pixels is None:
         values = f"{bits}-bit {_FORMATS.get(kind, 'integers')}, compression {page.one(_COMPRESSION, 1)}"
         raise ValueError(
             f"holds {name}, {values}, which OpenCV cannot decode; save it as an 8- or 16-bit PNG"
         )
-    if found.dtype == np.uint16 and kind == 1:
+    if pixels.dtype == np.uint16 and kind == 1:
         if 8 < bits < 16:  # OpenCV fills with zeros below
-            found = np.round((found >> (16 - bits)) * (65535 / (2**bits - 1))).astype(np.uint16)
+            pixels = np.round((pixels >> (16 - bits)) * (65535 / (2**bits - 1))).astype(np.uint16)
         if meaning == _WHITE_IS_ZERO:
-            found = 65535 - found
+            pixels = 65535 - pixels
         four = _decoded(data, cv2.IMREAD_UNCHANGED) if page.one(_EXTRA) == _ASSOCIATED else None
         if four is not None and four.shape[2:] == (4,):
             share = np.maximum(four[..., 3:], 1) / 65535
-            found = np.round(np.minimum(four[..., :3] / share, 65535)).astype(np.uint16)
-    elif kind in _FORMATS and found.dtype.kind != "f":
+            pixels = np.round(np.minimum(four[..., :3] / share, 65535)).astype(np.uint16)
+    elif kind in _FORMATS and pixels.dtype.kind != "f":
         raise ValueError(f"holds {_FORMATS[kind]}; must hold unsigned ones of 8 or 16 bits")
-    return found
+    return pixels
 
 
 def _decoded(data: bytes, how: int = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH) -> NDArray[Any] | None:
@@ -161,9 +161,9 @@ def _decoded(data: bytes, how: int = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH) 
 def _by_pillow(data: bytes) -> NDArray[np.uint8] | None:
     """Of 8 bits and less: further compressions, 2 and 4 bits, and tiles of odd sizes."""
     try:
-        with PIL.Image.open(BytesIO(data)) as found:
-            grey = found.mode in ("1", "L", "LA")
-            turned = PIL.ImageOps.exif_transpose(found).convert("L" if grey else "RGB")
+        with PIL.Image.open(BytesIO(data)) as opened:
+            grey = opened.mode in ("1", "L", "LA")
+            turned = PIL.ImageOps.exif_transpose(opened).convert("L" if grey else "RGB")
     except Exception:  # Pillow raises all sorts
         return None
     return np.asarray(turned) if grey else np.asarray(turned)[..., ::-1]
@@ -181,8 +181,8 @@ def _plane(data: bytes, page: Page, number: int) -> bytes:
         _FORMAT: (1,),
     }
     for tag in (_OFFSETS, _COUNTS, _TILE_OFFSETS, _TILE_COUNTS):
-        if every := page.tags.get(tag):
-            tags[tag] = every[number * len(every) // samples : (number + 1) * len(every) // samples]
+        if offsets := page.tags.get(tag):
+            tags[tag] = offsets[number * len(offsets) // samples : (number + 1) * len(offsets) // samples]
     begin = len(data) + len(data) % 2
     beyond = begin + 2 + 12 * len(tags) + 4
     entries, values = b"", b""

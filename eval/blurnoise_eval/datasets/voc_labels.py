@@ -79,21 +79,20 @@ def voc(
     with faults_of("labels", selection.file):
         whole = selection.file.is_dir()
         root = selection.file if whole else selection.file.parent
-        every = listing(root)
-        xmls = [name for name in sorted(every) if name.lower().endswith(".xml")]
-        own = [name for name in xmls if not is_litter(name)]
-        files = own if whole else [selection.file.name]
+        files_below = listing(root)
+        xmls = [name for name in sorted(files_below) if name.lower().endswith(".xml")]
+        labels_only = [name for name in xmls if not is_litter(name)]
+        files = labels_only if whole else [selection.file.name]
         if not files:
             raise ValueError("contains no XML files")
         selection.folder = selection.folder if images else root
         read = for_each({name: root / name for name in files}, _annotation)
         if lost := [name for name in files if name not in read]:
             raise ValueError(f"{lost[0]}: No such file")
-        pictures = _Pictures(list(listing(selection.folder)) if images else list(every))
-        found = {name: pictures.of(name, read[name].filename) for name in files}
-        selection.look_at([found[name] for name in files if read[name].size_px is None])
+        pictures = _Pictures(list(listing(selection.folder)) if images else list(files_below))
+        picture_of = {name: pictures.of(name, read[name].filename) for name in files}
+        selection.look_at([picture_of[name] for name in files if read[name].size_px is None])
         entries = []
-        known: set[str] = set()
         from_one: list[bool] = []
         difficult = 0
         for name in files:
@@ -101,40 +100,40 @@ def voc(
             size_px = annotation.size_px
             one = annotation.database.startswith(_FROM_ONE)
             targets: list[Target] = []
-            for each in annotation.objects:
-                known.add(each.name)
-                if each.bndbox is None:
-                    targets += selection.leave_out("without bndbox")
+            for entry in annotation.objects:
+                if (box := entry.bndbox) is None:
+                    selection.leave_out("without bndbox", entry.name)
                     continue
-                box = each.bndbox
                 corners = (box.xmin - one, box.ymin - one, box.xmax, box.ymax)
                 from_one += [min(box.xmin, box.ymin) >= 1] * (not one)
-                difficult += each.difficult
-                beside = {"difficult": int(each.difficult)}
+                difficult += entry.difficult
                 targets += selection.target(
-                    each.name, corners, size_px, picture=found[name], crowd=each.difficult, annotation=beside
+                    entry.name,
+                    corners,
+                    size_px,
+                    picture=picture_of[name],
+                    crowd=entry.difficult,
+                    annotation={"difficult": int(entry.difficult)},
                 )
-            entries.append(Listed(found[name], tuple(targets), size_px=size_px))
-        notes = pictures.notes(own if whole else files)
-        litter = len(xmls) - len(own) if whole else 0
-        notes += [f"files of macOS (._NAME), which are no labels, left out: {litter}"] * bool(litter)
-        notes += [f"difficult objects, which are neither missed nor wrong: {difficult}"] * bool(difficult)
-        notes += _counted_from(list(read.values()), from_one)
-        return selection.picture_set(
-            entries, {label: n for n, label in enumerate(sorted(known), start=1)}, notes
-        )
+            entries.append(Listed(picture_of[name], tuple(targets), size_px=size_px))
+        pictures.note(selection, len(files))
+        litter = len(xmls) - len(labels_only) if whole else 0
+        selection.note("files of macOS (._NAME), which are no labels, left out", litter)
+        selection.note("difficult objects, which are neither missed nor wrong", difficult)
+        selection.notes += _counted_from(list(read.values()), from_one)
+        return selection.picture_set(entries)
 
 
 def _counted_from(read: Sequence[_Annotation], from_one: Sequence[bool]) -> list[str]:
     """What was assumed of the first pixel, and a doubt where boxes touch 1 and none 0."""
-    stated = sum(each.database.startswith(_FROM_ONE) for each in read)
-    notes = [f"files of the VOC challenge, whose pixels count from 1: {stated}"] if stated else []
+    challenge = sum(entry.database.startswith(_FROM_ONE) for entry in read)
+    notes = [f"files of the VOC challenge, whose pixels count from 1: {challenge}"] if challenge else []
     touching = sum(
-        1.0 in (each.bndbox.xmin, each.bndbox.ymin)
+        1.0 in (entry.bndbox.xmin, entry.bndbox.ymin)
         for file in read
         if not file.database.startswith(_FROM_ONE)
-        for each in file.objects
-        if each.bndbox
+        for entry in file.objects
+        if entry.bndbox
     )
     if touching and all(from_one):
         notes.append(
@@ -157,20 +156,20 @@ def _annotation(file: Location) -> _Annotation:
                 f"begins with <{root.tag[:40]}>; must begin with <annotation>, as Pascal VOC does"
             )
         objects = [
-            {**_texts(each), "bndbox": None if (box := each.find("bndbox")) is None else _texts(box)}
-            for each in root.iterfind("object")
+            {**_texts(entry), "bndbox": None if (box := entry.find("bndbox")) is None else _texts(box)}
+            for entry in root.iterfind("object")
         ]
-        stated = {
+        fields = {
             "filename": root.findtext("filename") or "", "database": root.findtext("source/database") or "",
             "size": _texts(root.find("size")), "objects": objects,
         }  # fmt: skip
-        return checked(_Annotation, stated)
+        return checked(_Annotation, fields)
 
 
 def _texts(parent: Element | None) -> dict[str, str]:
     """Texts of the children that have one."""
-    found = {child.tag: (child.text or "").strip() for child in parent} if parent is not None else {}
-    return {name: text for name, text in found.items() if text}
+    texts = {child.tag: (child.text or "").strip() for child in parent} if parent is not None else {}
+    return {name: text for name, text in texts.items() if text}
 
 
 class _Pictures:
@@ -187,13 +186,19 @@ class _Pictures:
 
     def of(self, xml: str, filename: str) -> str:
         """The picture with the XML file's name, else the one that stands in it; near it, or the only one below."""
-        stated = posixpath.basename(filename.replace("\\", "/"))
-        own = self._nearest(self._by_stem[_stem(xml)], xml)
-        other = self._nearest(self._by_name[stated] or self._by_stem[_stem(stated)], xml) if stated else None
-        self._other += bool(own and stated and PurePosixPath(own).name != stated)
-        found = own or other or posixpath.join(posixpath.dirname(xml), stated or f"{_stem(xml)}.jpg")
-        self._used.add(found)
-        return found
+        stated_name = posixpath.basename(filename.replace("\\", "/"))
+        same_stem = self._nearest(self._by_stem[_stem(xml)], xml)
+        named = (
+            self._nearest(self._by_name[stated_name] or self._by_stem[_stem(stated_name)], xml)
+            if stated_name
+            else None
+        )
+        self._other += bool(same_stem and stated_name and PurePosixPath(same_stem).name != stated_name)
+        picture = (
+            same_stem or named or posixpath.join(posixpath.dirname(xml), stated_name or f"{_stem(xml)}.jpg")
+        )
+        self._used.add(picture)
+        return picture
 
     def _nearest(self, among: Sequence[str], xml: str) -> str | None:
         folder = posixpath.dirname(xml)
@@ -202,18 +207,16 @@ class _Pictures:
         if "Annotations" in parts:
             at = len(parts) - 1 - parts[::-1].index("Annotations")
             near += ["/".join((*parts[:at], name, *parts[at + 1 :])) for name in _PICTURES]
-        found = [name for name in among if posixpath.dirname(name) in near] or list(among)
-        return found[0] if len(found) == 1 else None
+        nearest = [name for name in among if posixpath.dirname(name) in near] or list(among)
+        return nearest[0] if len(nearest) == 1 else None
 
-    def notes(self, xmls: Sequence[str]) -> list[str]:
-        """Pictures whose XML names another one, and pictures without XML beside those with it."""
+    def note(self, selection: Selection, n_files: int) -> None:
+        """Note pictures whose XML names another one, and pictures without XML in a folder of some with it."""
         folders = {posixpath.dirname(name) for name in self._used}
         without = sum(posixpath.dirname(name) in folders for name in self._names - self._used)
-        said = {
-            "XML files that name another picture than the one with their own name, which is used": self._other,
-            "pictures without an XML file, left out": without if len(xmls) > 1 else 0,
-        }
-        return [f"{text}: {count}" for text, count in said.items() if count]
+        text = "XML files that name another picture than the one with their own name, which is used"
+        selection.note(text, self._other)
+        selection.note("pictures without an XML file, left out", without if n_files > 1 else 0)
 
 
 def _stem(name: str) -> str:

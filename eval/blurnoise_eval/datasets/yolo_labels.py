@@ -93,9 +93,8 @@ def yolo(
     selection = Selection("yolo", path, images, labels, keep_empty, "centre x, y, width, height")
     with faults_of("labels", selection.file):
         root, described = _described(selection.file)
-        sources, notes = ([selection.folder], []) if images else _sources(root, described, split)
-        selection.folder, names, said = _pictures(sources)
-        notes += said
+        sources = [selection.folder] if images else _sources(root, described, split, selection)
+        selection.folder, names = _pictures(sources, selection)
         read = partial(_objects, classes=described.names)
         objects = for_each(_beside(selection.folder, names), read)
         objects = objects or for_each(_by_stem(root, names) if images else {}, read)
@@ -114,17 +113,14 @@ def yolo(
                 targets += selection.target(label, tuple(corners.tolist()), sizes[name])
             entries.append(Listed(name, tuple(targets)))
         categories = {name: class_id + 1 for class_id, name in described.names.items()}
-        counts = {
-            "rows that occur before in their file, left out as Ultralytics does": sum(
-                each.repeated for each in objects.values()
-            ),
-            "pictures without a label file, used as pictures without objects": len(names) - len(objects),
-        }
-        notes += [f"{text}: {count}" for text, count in counts.items() if count]
-        notes += shared_names(described.names.values())
-        if doubt := _box_doubt([row for each in objects.values() for row in each.rows]):
-            notes.append(f"{DOUBTFUL_LABELS}{doubt}")
-        return selection.picture_set(entries, categories, notes, len(names) - len(objects))
+        rows = [row for of_picture in objects.values() for row in of_picture.rows]
+        repeated, unlabelled = sum(file.repeated for file in objects.values()), len(names) - len(objects)
+        selection.note("rows that occur before in their file, left out as Ultralytics does", repeated)
+        selection.note("pictures without a label file, used as pictures without objects", unlabelled)
+        selection.notes += shared_names(described.names.values())
+        if doubt := _box_doubt(rows):
+            selection.notes.append(f"{DOUBTFUL_LABELS}{doubt}")
+        return selection.picture_set(entries, categories, unlabelled)
 
 
 def _described(path: Location) -> tuple[Location, _DataYaml]:
@@ -169,21 +165,22 @@ def _darknet(root: Location, file: Location) -> _DataYaml:
     return _DataYaml.model_validate({"names": names, **lists})
 
 
-def _sources(root: Location, described: _DataYaml, split: str | None) -> tuple[list[Location], list[str]]:
-    """Folders of pictures, and lists of them (.txt); and notes."""
-    stated = described.model_extra or {}
+def _sources(root: Location, described: _DataYaml, split: str | None, selection: Selection) -> list[Location]:
+    """Folders of pictures, and lists of them (.txt)."""
+    splits = described.model_extra or {}
     if split is None:
-        split = next((key for key in _SPLITS if stated.get(key)), None) or next(
-            (key for key, value in stated.items() if isinstance(value, str) and value.endswith(".txt")), None
+        split = next((key for key in _SPLITS if splits.get(key)), None) or next(
+            (key for key, value in splits.items() if isinstance(value, str) and value.endswith(".txt")), None
         )
     if split is None:
-        return [root / "images" if (root / "images").is_dir() else root], []
-    found = stated.get(split)
-    entries = found if isinstance(found, list) else [found]
+        return [root / "images" if (root / "images").is_dir() else root]
+    value = splits.get(split)
+    entries = value if isinstance(value, list) else [value]
     if not entries or not all(isinstance(entry, str) for entry in entries):
-        raise ValueError(f"split {split!r} = {shown(found)}: must be folders or lists of pictures (.txt)")
-    places = [_existing(root, described.path, str(entry)) for entry in entries]
-    return [place for place, _ in places], [note for _, note in places if note]
+        raise ValueError(f"split {split!r} = {shown(value)}: must be folders or lists of pictures (.txt)")
+    resolved = [_existing(root, described.path, str(entry)) for entry in entries]
+    selection.notes += [note for _, note in resolved if note]
+    return [source for source, _ in resolved]
 
 
 def _existing(root: Location, folder: str, entry: str) -> tuple[Location, str]:
@@ -197,10 +194,10 @@ def _existing(root: Location, folder: str, entry: str) -> tuple[Location, str]:
     leaves = below.partition("/")[0] == ".."
     paths = ends(posixpath.normpath(posixpath.join(folder, entry)))
     for name in [below] * (not leaves) + paths:
-        place: Location = root if name == "." else root / name
-        with explained(place):
-            if place.exists():
-                return place, "" if name == below else f"{entry!r} is read as {name!r}"
+        candidate: Location = root if name == "." else root / name
+        with explained(candidate):
+            if candidate.exists():
+                return candidate, "" if name == below else f"{entry!r} is read as {name!r}"
     if leaves:
         raise ValueError(
             f"{entry!r} leaves the folder {str(root)!r}; set images to the folder of the pictures"
@@ -208,39 +205,41 @@ def _existing(root: Location, folder: str, entry: str) -> tuple[Location, str]:
     raise ValueError(f"{str(root / below)!r}: no such folder or list of pictures")
 
 
-def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str], list[str]]:
-    """The folder that holds all sources, the names of their pictures in it, and notes."""
-    listed, notes = [], list[str]()
+def _pictures(sources: Iterable[Location], selection: Selection) -> tuple[Location, list[str]]:
+    """The folder that holds all sources, and the names of their pictures in it."""
+    listed = []
     for source in sources:
         if source.suffix == ".txt" and source.is_file():
             with faults_of("list", source):
-                names, said = _of_a_list(read_text(source, LARGEST_SET_BYTES), source.parent)
+                names, notes = _of_a_list(read_text(source, LARGEST_SET_BYTES), source.parent)
         else:
-            found, said = pictures_below(source)
-            names = list(found)
+            versions, notes = pictures_below(source)
+            names = list(versions)
         listed.append((source.parent if source.suffix == ".txt" else source, names))
-        notes += said
+        selection.notes += notes
     folder = listed[0][0]
     while any(source.parts[: len(folder.parts)] != folder.parts for source, _ in listed):
         folder = folder.parent
     below = len(folder.parts)
-    names = ["/".join((*source.parts[below:], name)) for source, each_name in listed for name in each_name]
-    return folder, names, notes
+    names = ["/".join((*source.parts[below:], name)) for source, of_source in listed for name in of_source]
+    return folder, names
 
 
 def _of_a_list(content: str, folder: Location) -> tuple[list[str], list[str]]:
     """Names in the list's folder, by the ends of their paths where they are not there, as CVAT's data/obj_train_data;
     and notes. A fault names the line."""
-    every, places = frozenset(listing(folder)), Places(folder)
+    files, resolver = frozenset(listing(folder)), Places(folder)
 
     def name(line: str) -> str:
         path = line.strip().replace("\\", "/").removeprefix("./")
-        found = [] if path in every else [end for end in ends(path) if end in every]
+        matches = [] if path in files else [end for end in ends(path) if end in files]
         return (
-            found[0] if len(found) == 1 and not path.startswith(("/", "../")) else places.name(line.strip())
+            matches[0]
+            if len(matches) == 1 and not path.startswith(("/", "../"))
+            else resolver.name(line.strip())
         )
 
-    return list(each_line(content, name)), places.notes
+    return list(each_line(content, name)), resolver.notes
 
 
 def _beside(folder: Location, names: Sequence[str]) -> dict[str, Location]:
@@ -252,11 +251,11 @@ def _beside(folder: Location, names: Sequence[str]) -> dict[str, Location]:
 
 def _by_stem(root: Location, names: Sequence[str]) -> dict[str, Location]:
     """The only label files of the pictures' names in the data set; the pictures are elsewhere."""
-    found = defaultdict[str, list[str]](list)
+    by_stem = defaultdict[str, list[str]](list)
     for name in listing(root):
         if name.endswith(".txt") and not is_litter(name):
-            found[PurePosixPath(name).stem].append(name)
-    stems = {name: found[Path(name).stem] for name in names}
+            by_stem[PurePosixPath(name).stem].append(name)
+    stems = {name: by_stem[Path(name).stem] for name in names}
     return {name: root / files[0] for name, files in stems.items() if len(files) == 1}
 
 
@@ -264,8 +263,8 @@ def _label_folder(folder: Location) -> Location:
     """Where the labels of a folder of pictures are: its labels/ for the last images/, else the folder."""
     for above in (folder, *folder.parents):
         if above.name == "images":
-            beside: Location = above.parent.joinpath("labels", *folder.parts[len(above.parts) :])
-            return beside if beside.is_dir() else folder
+            labels: Location = above.parent.joinpath("labels", *folder.parts[len(above.parts) :])
+            return labels if labels.is_dir() else folder
     return folder
 
 

@@ -44,8 +44,8 @@ def stated_contract(
     Raises :class:`ModelError` as :func:`load_contract` does.
     """
     if contract is None:
-        found = beside(model_path, metadata)
-        return None if found is None else parse_contract(*found, presets)
+        entry = beside(model_path, metadata)
+        return None if entry is None else parse_contract(*entry, presets)
     if isinstance(contract, Mapping):
         return parse_contract(contract, "given", presets)
     if isinstance(contract, (str, Path)):
@@ -57,9 +57,9 @@ def stated_contract(
 def settled(contract: Kind, values: Mapping[str, Any], source: str, why: str) -> Kind:
     """The contract with ``values`` that its graph settles. Raises :class:`ModelError` where another was stated."""
     for name, value in values.items():
-        stated, where = getattr(contract, name), contract.sources[name]
-        if stated not in (None, value) and not where.startswith(("preset", "assumed")):
-            raise ModelError(f"{name} = {stated!r} ({where}): must be {value!r}, because {why}")
+        current, where = getattr(contract, name), contract.sources[name]
+        if current not in (None, value) and not where.startswith(("preset", "assumed")):
+            raise ModelError(f"{name} = {current!r} ({where}): must be {value!r}, because {why}")
     return replace(contract, **values, sources={**contract.sources, **dict.fromkeys(values, source)})
 
 
@@ -101,8 +101,8 @@ def parse_contract(stated: object, source: str, presets: Mapping[str, Kind] = PR
     if missing := [repr(name) for name in required if name not in stated and "base" not in stated]:
         raise ModelError(f"{source}: missing key {', '.join(missing)}; for example {usual.EXAMPLE}")
     base = preset(stated.get("base", stated.get("family", next(iter(presets)))), presets)
-    taken = {"classes": base.classes} if isinstance(base, Contract) and "classes" not in stated else {}
-    return _completed(base, {**taken, **stated}, source)
+    defaults = {"classes": base.classes} if isinstance(base, Contract) and "classes" not in stated else {}
+    return _completed(base, {**defaults, **stated}, source)
 
 
 def load_contract(name_or_path: str | Path, presets: Mapping[str, Kind] = PRESETS) -> Kind:  # type: ignore[assignment]  # as above
@@ -118,18 +118,18 @@ def load_contract(name_or_path: str | Path, presets: Mapping[str, Kind] = PRESET
     if path.is_file():
         return parse_contract(read_mapping(path), f"file {path.name}", presets)
     base, *further = text.split(",")
-    if further and all("=" in each for each in further):
+    if further and all("=" in part for part in further):
         return _completed(load_contract(base, presets), dict(map(_typed, further)), f"--contract {base},...")
     raise ModelError(
         f"contract = {text!r}: must be a file or one of the presets {', '.join(map(repr, presets))}"
     )
 
 
-def _completed(base: Kind, stated: Mapping[str, Any], source: str) -> Kind:
+def _completed(base: Kind, fields: Mapping[str, Any], source: str) -> Kind:
     """``base`` with what ``source`` states. Raises :class:`ModelError` for another key and a bad value."""
     values: dict[str, Any] = {}
     try:
-        for name, value in stated.items():
+        for name, value in fields.items():
             field = SHORT_NAMES.get(name, name)
             if field in values:
                 raise ValueError(f"{field} is set twice")
@@ -143,14 +143,14 @@ def _completed(base: Kind, stated: Mapping[str, Any], source: str) -> Kind:
 
 def _typed(part: str) -> tuple[str, object]:
     """A field as it is typed: range=0-1, mean=0.485/0.456/0.406, size=416x640, iou=none."""
-    short, _, text = (each.strip() for each in part.partition("="))
+    short, _, text = (side.strip() for side in part.partition("="))
     name = SHORT_NAMES.get(short, short)
     if name == "classes":
         return name, text if text in ("coco80", "coco91") else text.split("/")
     if name == "outputs":
         return name, text
     separator = {"mean": "/", "std": "/", "input_size_px": "x"}.get(name)
-    values = [_value(each) for each in text.split(separator)] if separator else [_value(text)]
+    values = [_value(item) for item in text.split(separator)] if separator else [_value(text)]
     return name, values if len(values) > 1 else values[0]
 
 

@@ -28,7 +28,7 @@ _PROBE_SIZE_PX = (640, 640)  # for graphs of dynamic size while their family is 
 
 
 class Detector(OnnxModel):
-    """An ONNX detector with its contract; what holds of every :class:`OnnxModel` holds of it.
+    """An ONNX detector with its contract. Threads and errors: see :class:`OnnxModel`.
 
     ``contract``: a :class:`Contract`, a mapping, a contract file or the name of a preset; None looks beside the model
     and into its metadata, then recognises the family from the graph (see ``contract.assumptions``). Raises
@@ -87,7 +87,7 @@ class Detector(OnnxModel):
         for contract in inputs:
             placed = [self.prepare(image, contract=contract) for image in images]
             answers = [self.run(blob) for blob, _ in placed]
-            sizes = [(each.height_px, each.width_px) for _, each in placed]
+            sizes = [(placement.height_px, placement.width_px) for _, placement in placed]
             if any(np.abs(output).max(initial=0) > 0 for answer in answers for output in answer):
                 break
         own_size = self.contract.resize == "none" and sizes
@@ -140,19 +140,19 @@ class Detector(OnnxModel):
         self._count_non_finite(outputs)
         own_size = self.contract.resize == "none"
         size_px = (placement.height_px, placement.width_px) if own_size else self.input_size_px
-        found = self.family.decode(outputs, size_px, min_score)
-        if found.scores.max(initial=0) > 1.01:
+        candidates = self.family.decode(outputs, size_px, min_score)
+        if candidates.scores.max(initial=0) > 1.01:
             raise ModelError(
-                f"{self.path.name}: score = {found.scores.max():g}: must be <= 1; the family "
+                f"{self.path.name}: score = {candidates.scores.max():g}: must be <= 1; the family "
                 f"{self.contract.family} ({self.contract.sources['family']}) may be wrong"
             )
-        if found.class_ids.max(initial=0) >= len(self.contract.classes):
+        if candidates.class_ids.max(initial=0) >= len(self.contract.classes):
             raise ModelError(
-                f"{self.path.name}: class = {found.class_ids.max()} (from 0), but the contract has "
+                f"{self.path.name}: class = {candidates.class_ids.max()} (from 0), but the contract has "
                 f"{len(self.contract.classes)} classes ({self.contract.sources['classes']}); a background counts, too"
             )
-        counted = found.with_classes(min_score) if self.family.several_classes else found
-        return found, self._kept(counted, placement, most)
+        counted = candidates.with_classes(min_score) if self.family.several_classes else candidates
+        return candidates, self._kept(counted, placement, most)
 
     def _kept(
         self, candidates: Candidates, placement: Placement, most: int, per_class: int | None = None
@@ -192,11 +192,11 @@ class Detector(OnnxModel):
         suppressed within each class. None where the graph has one score a box, or one class.
         """
         outputs, placement = self._answers(image)
-        candidates, found = self._found(outputs, placement, MIN_SCORE, MOST_DETECTIONS)
-        each = candidates.class_scores
-        if each is None or each.shape[1] == 1:
-            return found, None
-        return found, partial(self._own, candidates, placement)
+        candidates, detections = self._found(outputs, placement, MIN_SCORE, MOST_DETECTIONS)
+        class_scores = candidates.class_scores
+        if class_scores is None or class_scores.shape[1] == 1:
+            return detections, None
+        return detections, partial(self._own, candidates, placement)
 
     def _own(
         self, candidates: Candidates, placement: Placement, class_ids: ArrayLike, above: FloatArray
@@ -204,5 +204,6 @@ class Detector(OnnxModel):
         asked, whose = np.unique(np.asarray(class_ids, np.int64), return_inverse=True)
         least = np.full(len(asked), np.inf, np.float32)
         np.minimum.at(least, whose, above)
-        own = candidates.with_classes(OWN_SCORE, asked, least)  # what is weaker suppresses none of these
-        return self._kept(own, placement, MOST_OF_CLASS * len(asked), MOST_OF_CLASS)
+        # Weaker candidates are left out: they could suppress none of these.
+        of_classes = candidates.with_classes(OWN_SCORE, asked, least)
+        return self._kept(of_classes, placement, MOST_OF_CLASS * len(asked), MOST_OF_CLASS)

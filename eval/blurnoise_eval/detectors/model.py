@@ -168,7 +168,7 @@ class OnnxModel:
         limit_s = math.inf if self._answered else self.timeout_s
         self._running.add(options)
         try:
-            found: list[Any] = infer() if direct else _apart(infer, limit_s, options)
+            answers: list[Any] = infer() if direct else _apart(infer, limit_s, options)
         except TimeoutError:
             raise self._too_slow("did not finish an inference") from None
         except Exception as error:  # onnxruntime's exceptions share no base class of their own
@@ -180,7 +180,7 @@ class OnnxModel:
         finally:
             self._running.discard(options)
         self._answered = True
-        return [np.asarray(value) for value in found]
+        return [np.asarray(value) for value in answers]
 
     def interrupt(self) -> None:
         """End the inferences that run, in other threads; the next ones run as before."""
@@ -262,11 +262,11 @@ def fetched(path: str | Location) -> Path:
     try:
         known = version(model)
         copy = local_file(model, contracts, known)
-        stated = contract_file(copy)
-        values = None if stated is None else read_mapping(stated)
+        contract = contract_file(copy)
+        values = None if contract is None else read_mapping(contract)
         dictionary = values.get("dictionary") if isinstance(values, dict) else None
-        beside = [*external_files(copy), *([dictionary] if isinstance(dictionary, str) else [])]
-        return local_file(model, [*contracts, *beside], known) if beside else copy
+        files = [*external_files(copy), *([dictionary] if isinstance(dictionary, str) else [])]
+        return local_file(model, [*contracts, *files], known) if files else copy
     except OSError as error:
         raise ModelError(f"{error.filename}: {error.strerror}") from None
 
@@ -293,8 +293,8 @@ def external_files(path: Path) -> list[str]:
 
 def contract_file(model_path: Path) -> Path | None:
     """Return ``model.contract.json``, ``.yaml`` or ``.yml`` beside the model, else None."""
-    beside = (model_path.with_name(f"{model_path.stem}.contract.{end}") for end in _CONTRACTS)
-    return next((path for path in beside if path.is_file()), None)
+    candidates = (model_path.with_name(f"{model_path.stem}.contract.{end}") for end in _CONTRACTS)
+    return next((path for path in candidates if path.is_file()), None)
 
 
 def read_mapping(path: Path) -> object:

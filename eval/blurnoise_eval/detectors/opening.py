@@ -32,26 +32,26 @@ def open_models(
         must = f"must be one, or one for each of the {len(paths)} models"
         raise ValueError(f"contract: got {len(contracts)}; {must}")
     # The graph alone may not show that it reads text.
-    stated = dictionary is not None or any(str(each).split(",")[0] == "ppocr" for each in contracts)
+    for_text = dictionary is not None or any(str(preset).split(",")[0] == "ppocr" for preset in contracts)
     models = [OnnxModel(path, timeout_s=timeout_s) for path in paths]
-    reads = [stated or is_recogniser(model) for model in models]
+    reads = [for_text or is_recogniser(model) for model in models]
     if len(set(reads)) > 1:
         must = "use a run for each kind"
         raise ValueError(f"model: must be all detectors or all text recognisers; {must}")
     if (dictionary or text_detector) and not any(reads):
         raise ValueError("dictionary, text_detector: need a text recogniser as model")
-    found: list[Opened] = []
-    for place, model in enumerate(models):
-        contract = contracts[place % len(contracts)]
-        if not reads[place]:
-            found.append(Detector(model, contract=contract))
+    opened: list[Opened] = []
+    for index, model in enumerate(models):
+        contract = contracts[index % len(contracts)]
+        if not reads[index]:
+            opened.append(Detector(model, contract=contract))
             continue
         reader = Recogniser(model, contract=contract, dictionary=dictionary)
-        found.append(TextSpotter(text_detector, reader, timeout_s=timeout_s) if text_detector else reader)
-    names = {model.name for model in found}
-    for place, model in enumerate(found):
-        if model.name in [before.name for before in found[:place]]:
+        opened.append(TextSpotter(text_detector, reader, timeout_s=timeout_s) if text_detector else reader)
+    names = {model.name for model in opened}
+    for index, model in enumerate(opened):
+        if model.name in [before.name for before in opened[:index]]:
             numbered = (f"{model.name}-{number}" for number in count(2))
             model.name = next(name for name in numbered if name not in names)
             names.add(model.name)
-    return found
+    return opened

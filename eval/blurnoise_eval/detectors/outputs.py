@@ -66,8 +66,8 @@ class Output:
 @cache
 def parsed(text: str) -> tuple[Output, ...]:
     """The outputs that a text states. Raises ``ValueError``."""
-    found = tuple(map(_output, filter(None, (each.strip() for each in text.split(";")))))
-    kinds = [column.kind for output in found for column in output.columns]
+    outputs = tuple(map(_output, filter(None, (entry.strip() for entry in text.split(";")))))
+    kinds = [column.kind for output in outputs for column in output.columns]
     boxes = [kind for kind in kinds if kind in BOXES]
     if len(boxes) != 1 or len(set(kinds)) != len(kinds) or ("score" in kinds) == ("scores" in kinds):
         must = "must have a box (xyxy, yxyx, cxcywh or xywh), score or scores, and each column once"
@@ -76,9 +76,9 @@ def parsed(text: str) -> tuple[Output, ...]:
         raise ValueError(f"outputs = {text!r}: must have class or scores, not both")
     if ("objectness" in kinds or "background" in kinds) and "scores" not in kinds:
         raise ValueError(f"outputs = {text!r}: objectness and background need scores")
-    if any(output.has("count") and len(output.columns) > 1 for output in found):
+    if any(output.has("count") and len(output.columns) > 1 for output in outputs):
         raise ValueError(f"outputs = {text!r}: count must be an output of its own, after a semicolon")
-    return found
+    return outputs
 
 
 def _output(text: str) -> Output:

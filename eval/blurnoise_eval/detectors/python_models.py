@@ -52,8 +52,10 @@ class PythonDetector(Detector):
         self.name = name or str(getattr(find, "__name__", type(find).__name__))
         self.contract = Contract(FAMILY, tuple(classes), resize="none", nms_iou=None)
         self.path = self.source = Path(self.name)
-        place = f"{getattr(find, '__module__', '')}.{getattr(find, '__qualname__', type(find).__qualname__)}"
-        self.sha256 = hashlib.sha256(f"{place} {version} {classes}".encode()).hexdigest()
+        qualified_name = (
+            f"{getattr(find, '__module__', '')}.{getattr(find, '__qualname__', type(find).__qualname__)}"
+        )
+        self.sha256 = hashlib.sha256(f"{qualified_name} {version} {classes}".encode()).hexdigest()
         self.input_size_px = (0, 0)  # each picture's own
         self._find, self._version, self._together = find, version, together
         self._numbers = {label: number for number, label in enumerate(self.contract.classes)}
@@ -83,12 +85,12 @@ class PythonDetector(Detector):
             with self._one_at_a_time:
                 boxes, scores, classes = self._find(image)
             ids = self._ids(np.asarray(classes).reshape(-1))
-            found = Detections(np.asarray(boxes), np.asarray(scores), ids)
+            detections = Detections(np.asarray(boxes), np.asarray(scores), ids)
         except Exception as error:
             raise ModelError(f"{self.name}: failed on a picture ({type(error).__name__}: {error})") from error
-        if found.scores.max(initial=0) > 1 or found.scores.min(initial=0) < 0:
-            raise ModelError(f"{self.name}: score = {found.scores.max():g}: must be >= 0 and <= 1")
-        return found[(found.scores >= min_score) & (found.class_ids >= 0)][:max_detections]
+        if detections.scores.max(initial=0) > 1 or detections.scores.min(initial=0) < 0:
+            raise ModelError(f"{self.name}: score = {detections.scores.max():g}: must be >= 0 and <= 1")
+        return detections[(detections.scores >= min_score) & (detections.class_ids >= 0)][:max_detections]
 
     def look(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
         """The detections of :meth:`detect`; each box has the classes that the function returned."""
@@ -126,8 +128,8 @@ class TorchvisionDetector(PythonDetector):
         device = next(self._network.parameters()).device
         with torch.inference_mode():
             picture = torch.from_numpy(np.ascontiguousarray(image)).to(device).permute(2, 0, 1).float() / 255
-            found = self._network([picture])[0]
-        return tuple(found[key].detach().cpu().numpy() for key in ("boxes", "scores", "labels"))
+            answer = self._network([picture])[0]
+        return tuple(answer[key].detach().cpu().numpy() for key in ("boxes", "scores", "labels"))
 
 
 def _again(kind: Any, find: Any, classes: Sequence[str], name: str, *further: Any) -> PythonDetector:

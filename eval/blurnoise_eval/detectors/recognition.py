@@ -68,10 +68,12 @@ def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Contr
 
 def _with_columns(stated: Contract) -> Contract:
     """With those of its family, where nothing is said of them."""
-    own = preset(stated.family)
-    if stated.outputs is not None or own.outputs is None:
+    usual = preset(stated.family)
+    if stated.outputs is not None or usual.outputs is None:
         return stated
-    return replace(stated, outputs=own.outputs, sources={**stated.sources, "outputs": own.sources["outputs"]})
+    return replace(
+        stated, outputs=usual.outputs, sources={**stated.sources, "outputs": usual.sources["outputs"]}
+    )
 
 
 def _slots(contract: Contract) -> int:
@@ -95,21 +97,21 @@ def _with_background(contract: Contract, layout: Layout) -> Contract:
 def _as_stated(stated: Contract, signature: Signature) -> Layout | None:
     """How the graph is read by a contract; None where it has no such outputs."""
     family = _with_head(stated)
-    own = preset(stated.family).outputs
+    usual = preset(stated.family).outputs
     if stated.outputs is None and family.name == "columns":
         raise ModelError(f"family {family.name!r} needs the outputs in the contract, for example {EXAMPLE!r}")
-    if stated.outputs == own:
+    if stated.outputs == usual:
         return family.describe(signature)
     outputs = parsed(stated.outputs or "")
-    found = matched(outputs, signature.outputs, len(stated.classes))
-    if found is None:
+    matching = matched(outputs, signature.outputs, len(stated.classes))
+    if matching is None:
         return None
     columns = [column for output in outputs for column in output.columns]
     dense = any(column.kind == "scores" and column.how != "by softmax" for column in columns)
-    family = replace(family, several_classes=family.several_classes if own else dense)
-    shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in found)
+    family = replace(family, several_classes=family.several_classes if usual else dense)
+    shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in matching)
     return Layout(
-        family, tuple(output.name for output in found), 0, f"output{'s' * (len(found) > 1)} {shapes}"
+        family, tuple(output.name for output in matching), 0, f"output{'s' * (len(matching) > 1)} {shapes}"
     )
 
 
@@ -121,11 +123,11 @@ def _read(contract: Contract, layout: Layout, signature: Signature) -> Contract:
         named(contract.outputs, layout.outputs),
         [[signature.answers[name] for name in layout.outputs]],
     )
-    found, why = readings(text, answers, signature.size_px, len(contract.classes), others=False)
-    if not why or not found:
+    allowed, why = readings(text, answers, signature.size_px, len(contract.classes), others=False)
+    if not why or not allowed:
         return contract
     source = f"assumed: of a grey picture {why} with {contract.outputs!r}"
-    return replace(contract, outputs=found[0], sources={**contract.sources, "outputs": source})
+    return replace(contract, outputs=allowed[0], sources={**contract.sources, "outputs": source})
 
 
 def _with_head(stated: Contract) -> Family:
@@ -137,7 +139,11 @@ def _with_head(stated: Contract) -> Family:
         needs = f"family {family.name!r} needs the anchors of its head in the contract"
         raise ModelError(f"{needs}, for example {_HEAD_EXAMPLE}")
     if stated.head is not None:
-        heads = ", ".join(sorted(each.name for each in FAMILIES.values() if each.takes_head))
+        heads = ", ".join(
+            sorted(
+                family_with_head.name for family_with_head in FAMILIES.values() if family_with_head.takes_head
+            )
+        )
         raise ModelError(f"head: is for the families {heads}, not for {family.name}")
     return family
 
@@ -151,8 +157,9 @@ def _recognise(signature: Signature) -> tuple[Layout, str]:
         exported = f"metadata {exporter}; " * (group in groups)
         fitting = list(filter(None, (family.describe(signature) for family in group)))
         if fitting and all(
-            each.family.by_shape and each.classes not in (0, len(known or each.family.preset.classes))
-            for each in fitting
+            reading.family.by_shape
+            and reading.classes not in (0, len(known or reading.family.preset.classes))
+            for reading in fitting
         ):
             unnamed += fitting
             continue
@@ -175,17 +182,17 @@ def _by_columns(signature: Signature) -> Iterator[Layout]:
     known = exported_fields(signature.metadata).get("classes")
     for text, classes in product(_LIKELY, [known] if known else [COCO80, COCO91]):
         outputs = parsed(text)
-        found = matched(outputs, signature.outputs, len(classes))
-        if found is None or len(found) < len(signature.outputs):
+        matching = matched(outputs, signature.outputs, len(classes))
+        if matching is None or len(matching) < len(signature.outputs):
             continue
-        names = tuple(each.name for each in found)
+        names = tuple(output.name for output in matching)
         answers = [[signature.answers[name] for name in names]] if signature.answers else []
         allowed, _ = readings(named(text, names), answers, signature.size_px, len(classes), others=True)
         if allowed:
-            shapes = ", ".join(f"{each.name!r} {list(each.shape)}" for each in found)
+            shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in matching)
             dense = "scores" in text and "softmax" not in text
-            own = replace(family.preset, outputs=text, classes=classes)
-            family = replace(family, preset=own, several_classes=dense)
+            as_read = replace(family.preset, outputs=text, classes=classes)
+            family = replace(family, preset=as_read, several_classes=dense)
             yield Layout(
                 family, names, len(classes) if "scores" in text else 0, f"outputs {shapes} as {text!r}"
             )
@@ -208,19 +215,25 @@ def _choose(fitting: list[Layout], signature: Signature, exported: str) -> tuple
     """Which of several families it is: the one with as many classes as there are names, whose columns the values
     allow, else a probe's."""
     known = exported_fields(signature.metadata).get("classes")
-    agreeing = [each for each in fitting if each.classes in (0, len(known or each.family.preset.classes))]
+    agreeing = [
+        reading for reading in fitting if reading.classes in (0, len(known or reading.family.preset.classes))
+    ]
     if len(agreeing) == 1:
         named = "graph: {}, as many as the metadata names" if known else "assumed: {}, as many as COCO has"
         return agreeing[0], named.format(agreeing[0].why)
-    agreeing = [each for each in agreeing or fitting if not _refuted(each, signature)] or agreeing or fitting
+    agreeing = (
+        [reading for reading in agreeing or fitting if not _refuted(reading, signature)]
+        or agreeing
+        or fitting
+    )
     by_name = {layout.family.name: layout for layout in agreeing}
     if signature.answer and by_name.keys() == {"yolox", "yolov6"}:
         axes = signature.inputs[0].axes or "nchw"
         blob, _ = lay_in(drawn_picture(), PRESETS["yolox"], signature.size_px, axes=axes)
-        if told := _told_apart(signature.answer(blob)):
-            return by_name[told[0]], f"graph: {by_name[told[0]].why}; {told[1]}"
+        if decided := _yolox_or_yolov6(signature.answer(blob)):
+            return by_name[decided[0]], f"graph: {by_name[decided[0]].why}; {decided[1]}"
     first = agreeing[0]
-    if all(each.family.preset.outputs for each in agreeing):
+    if all(reading.family.preset.outputs for reading in agreeing):
         others = ", ".join(list(by_name)[1:])
         source = (
             f"assumed: {first.why}; so are {others}"
@@ -239,11 +252,11 @@ def _choose(fitting: list[Layout], signature: Signature, exported: str) -> tuple
 
 def _refuted(layout: Layout, signature: Signature) -> str:
     """Why the answers for a grey picture are not of this family; "" where they may be."""
-    own = layout.family.preset
-    if own.outputs is None or not signature.answers:
+    usual = layout.family.preset
+    if usual.outputs is None or not signature.answers:
         return ""
     answers = [[signature.answers[name] for name in layout.outputs]]
-    return refuted(answers, own.outputs, signature.size_px, layout.classes or len(own.classes))
+    return refuted(answers, usual.outputs, signature.size_px, layout.classes or len(usual.classes))
 
 
 def drawn_picture(side_px: int = 416) -> NDArray[np.uint8]:
@@ -266,8 +279,8 @@ def drawn_picture(side_px: int = 416) -> NDArray[np.uint8]:
     return np.asarray(scene.round(), np.uint8)
 
 
-def _told_apart(outputs: Sequence[NDArray[np.float32]]) -> tuple[str, str] | None:
-    """Whether YOLOX or YOLOv6 answered with ``outputs``, and what shows it; None where nothing does."""
+def _yolox_or_yolov6(outputs: Sequence[NDArray[np.float32]]) -> tuple[str, str] | None:
+    """Decide between YOLOX and YOLOv6 by the answer to a test picture; return family and evidence, or None."""
     rows = outputs[0][0].astype(np.float32)
     if (rows[:, 4] == 1).all():
         return "yolov6", "the objectness of a test picture is 1 everywhere"
@@ -336,8 +349,8 @@ def exported_fields(metadata: Mapping[str, str]) -> dict[str, Any]:
     for key, name in (("names", "classes"), ("imgsz", "input_size_px")):
         if key in metadata:
             try:
-                stated = {"classes": "coco80", name: ast.literal_eval(metadata[key])}
-                known[name] = getattr(Contract("exported", **stated), name)
+                fields = {"classes": "coco80", name: ast.literal_eval(metadata[key])}
+                known[name] = getattr(Contract("exported", **fields), name)
             except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
                 raise ModelError(f"metadata {key} = {metadata[key][:60]!r}: {error}") from None
     return known

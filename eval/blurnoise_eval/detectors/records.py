@@ -35,14 +35,14 @@ class Detections:
         }
         if self.leads is not None:
             values["leads"] = np.array(self.leads, bool).reshape(-1)
-        counts = [len(each) for each in values.values()]
+        counts = [len(array) for array in values.values()]
         if len(set(counts)) != 1:
             raise ValueError(f"detections: {counts} boxes, scores and classes; the numbers must be equal")
         if not (np.isfinite(values["boxes_xyxy"]).all() and np.isfinite(values["scores"]).all()):
             raise ValueError("detections: boxes and scores must be finite")
         order = np.argsort(-values["scores"], kind="stable")
-        for name, each in values.items():
-            object.__setattr__(self, name, each[order])
+        for name, array in values.items():
+            object.__setattr__(self, name, array[order])
 
     @property
     def leading(self) -> Detections:
@@ -74,17 +74,17 @@ class Answers:
     leads: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, found: Sequence[tuple[str, int, Detections]]) -> Answers:
+    def of(cls, pictures: Sequence[tuple[str, int, Detections]]) -> Answers:
         """Of each picture's name, repeat and detections."""
-        every = [each for *_, each in found]
-        leads = [np.ones(len(each), bool) if each.leads is None else each.leads for each in every]
+        detections = [one for *_, one in pictures]
+        leads = [np.ones(len(one), bool) if one.leads is None else one.leads for one in detections]
         return cls(
-            [name for name, *_ in found],
-            [repeat for _, repeat, _ in found],
-            np.array([len(each) for each in every], np.int64),
-            np.concatenate([np.zeros((0, 4), np.float32), *(each.boxes_xyxy for each in every)]),
-            np.concatenate([np.zeros(0, np.float32), *(each.scores for each in every)]),
-            np.concatenate([np.zeros(0, np.int64), *(each.class_ids for each in every)]),
+            [name for name, *_ in pictures],
+            [repeat for _, repeat, _ in pictures],
+            np.array([len(one) for one in detections], np.int64),
+            np.concatenate([np.zeros((0, 4), np.float32), *(one.boxes_xyxy for one in detections)]),
+            np.concatenate([np.zeros(0, np.float32), *(one.scores for one in detections)]),
+            np.concatenate([np.zeros(0, np.int64), *(one.class_ids for one in detections)]),
             np.concatenate([np.zeros(0, bool), *leads]),
         )
 
@@ -101,8 +101,8 @@ class Answers:
         starts = (np.cumsum(self.counts) - self.counts)[order]
         index = np.arange(counts.sum()) + np.repeat(starts - (np.cumsum(counts) - counts), counts)
         return Answers(
-            [self.names[place] for place in order.tolist()],
-            [self.repeats[place] for place in order.tolist()],
+            [self.names[picture] for picture in order.tolist()],
+            [self.repeats[picture] for picture in order.tolist()],
             counts,
-            *(each[index] for each in (self.boxes_xyxy, self.scores, self.class_ids, self.leads)),
+            *(array[index] for array in (self.boxes_xyxy, self.scores, self.class_ids, self.leads)),
         )

@@ -14,10 +14,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
-from blurnoise._core.checks import LIMITS, integer
+from blurnoise._core.checks import integer
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.camera import Camera
-from blurnoise.camera import figures as camera_figures
+from blurnoise.camera.camera_files import FIGURES as FIGURES_OF_CAMERAS
+from blurnoise.camera.figures import CameraFigure
 from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, GAIN, MOVES, VELOCITY, Axis, number
 from blurnoise_eval.plan.conditions import Conditions
 
@@ -156,19 +157,20 @@ def value_of(axis: Axis, text: str) -> float:
     return axis.of_option(number(text, automatic=axis.automatic)) + 0.0
 
 
-def _axis_of(figure: camera_figures.CameraFigure) -> Axis:
+def _axis_of(name: str, figure: CameraFigure) -> Axis:
     """A figure of the camera as an axis."""
-    name, title, unit, span = figure
-    low, high, _ = LIMITS[name]
+    low, high, _ = figure.limit
     return Axis(
-        name, f"camera.{name}", name, "", title, unit, 1.0, low, high, f"{{}} {unit}", "{}",
-        own=lambda camera: float(camera.figure(name)), span=span,
+        name, f"camera.{name}", name, "", figure.title, figure.unit, 1.0, low, high, f"{{}} {figure.unit}", "{}",
+        own=lambda camera: float(camera.figure(name)), span=figure.span,
     )  # fmt: skip
 
 
 _SWEPT = {axis.into for axis in AXES}
 FIGURES: tuple[Axis, ...] = tuple(
-    axis for axis in map(_axis_of, camera_figures.FIGURES) if axis.into not in _SWEPT
+    axis
+    for name, figure in FIGURES_OF_CAMERAS.items()
+    if figure.span and (axis := _axis_of(name, figure)).into not in _SWEPT
 )
 """Figures of the camera that are no axes of sweeps."""
 QUANTITIES: Mapping[str, Axis] = {key(axis): axis for axis in (*AXES, *FIGURES)}

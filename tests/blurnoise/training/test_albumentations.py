@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from exposures import exposures
 from torch.utils.data import DataLoader, Dataset
 
 from blurnoise import Camera, labels_numpy
@@ -38,8 +39,9 @@ KINDS: dict[str, Any] = {
     "cameras": lambda: RandomExposure(
         [Camera.preset("imx250c").with_figures(read_noise_e=9.0), "ar0132x3"], encoding="linear", p=1.0
     ),
+    "lamp": lambda: RandomExposure("ar0132x3", lamp_hz=90.0, lamp_lights="targets", exposure_s=0.001, p=1.0),
     "road": lambda: RandomExposure(ego_kmh=(10.0, 50.0), p=1.0),
-    "table": lambda: RandomExposure.for_conditions(TABLE, channels="bgr", p=1.0),
+    "table": lambda: RandomExposure(table=TABLE, channels="bgr", p=1.0),
 }
 
 
@@ -120,9 +122,8 @@ def test_labels_are_those_of_the_numpy_door():
     found = pipeline(
         image=PICTURE, bboxes=boxes, labels=[1], keypoints=points, masks=masks, mask=masks[0].astype(bool)
     )
-    wanted = labels_numpy(
-        PICTURE.shape, "ar0237", boxes=boxes, keypoints=points, label_masks=masks, **ROLLING
-    )
+    (exposure,) = exposures("ar0237", **ROLLING)
+    wanted = labels_numpy(PICTURE.shape, exposure, boxes=boxes, keypoints=points, label_masks=masks)
     np.testing.assert_allclose(found["bboxes"], wanted.boxes, atol=1e-3)
     np.testing.assert_allclose(found["keypoints"], wanted.keypoints, atol=1e-3)
     assert np.array_equal(found["masks"], wanted.label_masks)

@@ -3,16 +3,15 @@
 import os
 import subprocess
 import sys
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from blurnoise.training.arrays import expose_numpy
-from blurnoise.training.pictures import expose_pictures
+from blurnoise import Camera, Exposure, expose_numpy, expose_pictures
 
-TAKEN: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 100.0}
+EXPOSURE = Exposure(Camera.preset("imx250c"), 0.01, 100.0, seed=1)
 
 
 @pytest.fixture
@@ -23,21 +22,28 @@ def picture():
 @pytest.mark.parametrize("kind", ["uint8", "float32", "float64"])
 def test_an_array_gets_what_a_tensor_gets(picture, kind):
     given = picture if kind == "uint8" else (picture / 255).astype(kind)
-    seen = expose_numpy(np.stack([given, given]), "imx250c", **TAKEN, generator=[1, 2])
+    both = [EXPOSURE, replace(EXPOSURE, seed=2)]
+    seen = expose_numpy(np.stack([given, given]), both)
     tensor = torch.from_numpy(np.stack([given, given])).permute(0, 3, 1, 2)
     tensor = tensor / 255.0 if kind == "uint8" else tensor
-    wanted = expose_pictures(tensor, "imx250c", **TAKEN, generator=[1, 2]).permute(0, 2, 3, 1).numpy()
+    wanted = expose_pictures(tensor, both).permute(0, 2, 3, 1).numpy()
     assert seen.dtype == given.dtype
     assert np.abs(seen / (255 if kind == "uint8" else 1) - wanted).max() <= (0.5 / 255 + 1e-6)
-    alone = expose_numpy(given, "imx250c", **TAKEN, generator=[2])
+    alone = expose_numpy(given, both[1])
     assert np.array_equal(alone, seen[1])
 
 
+def test_one_exposure_serves_all_pictures_each_with_noise_of_its_own(picture):
+    seen = expose_numpy(np.stack([picture, picture]), EXPOSURE)
+    assert np.array_equal(seen[0], expose_numpy(picture, EXPOSURE))
+    assert not np.array_equal(seen[1], seen[0])
+
+
 def test_the_order_of_channels_is_stated(picture):
-    rgb = expose_numpy(picture, "imx250c", **TAKEN, generator=1)
-    bgr = expose_numpy(picture[..., ::-1], "imx250c", channels="bgr", **TAKEN, generator=1)
+    rgb = expose_numpy(picture, EXPOSURE)
+    bgr = expose_numpy(picture[..., ::-1], EXPOSURE, channels="bgr")
     assert np.array_equal(bgr[..., ::-1], rgb)
-    assert expose_numpy(picture[..., 0], "imx250m", **TAKEN).shape == (45, 63)
+    assert expose_numpy(picture[..., 0], EXPOSURE).shape == (45, 63)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +58,7 @@ def test_the_order_of_channels_is_stated(picture):
 )
 def test_other_arrays_are_refused(image, options, words):
     with pytest.raises((TypeError, ValueError), match=words):
-        expose_numpy(image, "imx250c", **TAKEN, **options)
+        expose_numpy(image, EXPOSURE, **options)
 
 
 def test_a_torchvision_of_another_build_is_named(tmp_path):

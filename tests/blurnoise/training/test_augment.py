@@ -8,16 +8,18 @@ from typing import Any
 import pytest
 import torch
 from batches import one_of, pictures
+from exposures import exposed
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from blurnoise import AutoExposure, Camera, develop, simulate
+from blurnoise import AutoExposure, Camera, Exposure, develop, expose_pictures, simulate
+from blurnoise.motion.ego import Vehicle
 from blurnoise.training.arrays import expose_numpy
 from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.pictures import expose_pictures
 
 TWO = ("imx250", "ar0237")
-LIT: dict[str, Any] = {"exposure_s": 0.02, "illuminance_lux": 80.0}
+AT: dict[str, Any] = {"exposure_s": 0.02, "illuminance_lux": 80.0}
+LIT = Exposure(Camera.preset("imx250"), 0.02, 80.0)
 
 
 @pytest.mark.parametrize("encoding", ["srgb", "linear"])
@@ -42,12 +44,23 @@ def test_is_simulate_and_develop(encoding, channels):
         assert float(alike.float().mean()) > 0.99
 
 
-@pytest.mark.parametrize(
-    "given", [{}, {"gain_db": (3.0, 30.0)}, {"shake_px": (0.0, 5.0), "exposure_s": (0.001, 0.06)}]
-)
+DRAWN = {
+    "usual": {},
+    "gains": {"gain_db": (3.0, 30.0)},
+    "shakes": {"shake_px": (0.0, 5.0), "exposure_s": (0.001, 0.06)},
+    "driven": {"ego_kmh": (10.0, 90.0), "vehicle": Vehicle(hfov_deg=60.0, lens="rectilinear")},
+    "lamps and captures": {
+        "camera": ("ar0132x3", "imx250"),
+        "lamp_hz": (80.0, 120.0),
+        "exposure_s": (1e-4, 1e-3),
+    },
+}
+
+
+@pytest.mark.parametrize("given", DRAWN.values(), ids=DRAWN)
 def test_a_picture_does_not_depend_on_its_batch_and_is_replayed(given):
     torch.manual_seed(2)
-    aug, image = RandomExposure(TWO, p=1.0, **given), pictures(6)
+    aug, image = RandomExposure(**{"camera": TWO, "p": 1.0, **given}), pictures(6)
     out, params = aug(image), aug._params
     assert torch.equal(aug(image, params=params), out)
     for index in range(6):
@@ -176,16 +189,13 @@ def test_wrong_arguments_are_named(given, error, said):
 @pytest.mark.parametrize(
     ("image", "given", "said"),
     [
-        (pictures(2) * 255, {}, r"image.*\[0, 1\].*255"),
-        ((pictures(2) - 0.45) / 0.22, {}, "image.*normalise"),
         (torch.full((1, 1, 4, 4), math.nan), {}, "image.*NaN"),
-        (pictures(2), {"camera": ["imx250"] * 3}, "camera: got 3.*2"),
-        (pictures(2), {"generator": [1]}, "generator"),
+        (pictures(2), {"exposure": [LIT] * 3}, "exposure: got 3; must be one, or 2"),
     ],
 )
 def test_wrong_pictures_are_named(image, given, said):
     with pytest.raises(ValueError, match=said):
-        expose_pictures(image, **{"camera": "imx250", **LIT, **given})
+        expose_pictures(image, given.get("exposure", LIT))
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -194,10 +204,10 @@ def test_colour_cameras_return_the_shape_they_got(channels):
     mono = Camera.preset("imx250").with_figures(cfa="mono")
     cameras = (Camera.preset("imx250c"), mono, Camera.preset("imx250"))
     image = pictures(channels=channels)[:1].expand(3, -1, -1, -1)
-    seen = expose_pictures(image, cameras, generator=[4, 5, 6], **LIT)
+    seen = exposed(image, cameras, seeds=[4, 5, 6], **AT)
     assert seen.shape == image.shape
     for index, camera in enumerate(cameras):
-        alone = expose_pictures(image[:1], camera, generator=[4 + index], **LIT)
+        alone = exposed(image[:1], camera, seeds=[4 + index], **AT)
         assert torch.equal(alone[0], seen[index])
     assert [torch.equal(each[0], each[-1]) for each in seen] == [channels == 1, True, channels == 1]
 
@@ -206,10 +216,9 @@ def test_automatic_gain_makes_the_brightness_the_targets():
     """18 % of full scale by the mean frame; noise of the mean of n pixels, five of them, and the tables' rounding."""
     flat = torch.full((4, 3, 60, 80), 0.4)
     lux = torch.tensor([0.5, 4.0, 32.0, 1e5])
-    seen = expose_pictures(
-        flat, "imx250", exposure_s=0.004, illuminance_lux=lux, gain_db=AutoExposure(), generator=[1, 2, 3, 4],
-        encoding="linear",
-    )  # fmt: skip
+    seen = exposed(
+        flat, "imx250", exposure_s=0.004, illuminance_lux=lux, gain_db=AutoExposure(), encoding="linear"
+    )
     means = seen.mean(dim=(1, 2, 3)).tolist()
     spread = [5 / math.sqrt(0.4 * 0.004 * float(each) * 6906 * 3 * 4800) + 5e-4 for each in lux]
     dark = 0.4 * 0.004 * 0.5 * 6906 / 10715 * 10 ** (48 / 20)  # the gain ends at 48 dB
@@ -235,7 +244,7 @@ def test_pictures_of_other_ranges_are_refused_by_name(scaled, words, dtype):
     with pytest.raises(ValueError, match=words):
         RandomExposure(p=1.0)(image)
     with pytest.raises(ValueError, match=words):
-        expose_numpy(image[0].permute(1, 2, 0).numpy(), "imx250c", exposure_s=0.01, illuminance_lux=50.0)
+        expose_numpy(image[0].permute(1, 2, 0).numpy(), LIT)
 
 
 def test_roundings_and_bright_light_are_taken():
@@ -247,9 +256,8 @@ def test_roundings_and_bright_light_are_taken():
 
 @pytest.mark.parametrize("camera", ["imx250", "imx250c", ["imx250c", "ar0237", "imx250", "imx250"]])
 def test_the_memory_format_stays(camera):
-    at = {"exposure_s": 0.01, "illuminance_lux": 50.0}
     image = pictures()
-    last = expose_pictures(image.contiguous(memory_format=torch.channels_last), camera, **at)
+    last = exposed(image.contiguous(memory_format=torch.channels_last), camera, **AT)
     assert last.is_contiguous(memory_format=torch.channels_last)
     assert not last.is_contiguous()
-    assert expose_pictures(image, camera, **at).is_contiguous()
+    assert exposed(image, camera, **AT).is_contiguous()

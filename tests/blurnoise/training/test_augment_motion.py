@@ -4,13 +4,13 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import exposures
 import pytest
 import torch
 from batches import one_of, pictures
 from kornia.augmentation import (
     AugmentationSequential,
     RandomHorizontalFlip,
-    RandomVerticalFlip,
     VideoSequential,
 )
 from kornia.geometry.boxes import Boxes
@@ -21,9 +21,7 @@ from blurnoise.camera.colour import linear_from_srgb
 from blurnoise.motion.ego import Vehicle
 from blurnoise.scene import cutting
 from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.labels import velocity_px_s
-from blurnoise.training.pictures import expose_pictures
-from blurnoise.training.ranges import ExposureRanges, shakes
+from blurnoise.training.ranges import ExposureRanges, velocity_px_s
 
 SIZE = (46, 63)
 CAMERA = Camera.preset("imx250")
@@ -47,7 +45,7 @@ def batch(count=3):
 
 
 def exposed(image, camera=CAMERA, **given):
-    return expose_pictures(image, camera, **{**AT, "generator": list(range(len(image))), **given})
+    return exposures.exposed(image, camera, **{**AT, **given})
 
 
 def simulated(light, mask, own, rest, camera, **at):
@@ -82,7 +80,7 @@ def test_pictures_one_by_one_are_the_batch(dtype):
     found = exposed(image, **STRAIGHT, masks=masks, moves=moves)
     assert found.dtype == dtype
     for item in range(4):
-        one = {**STRAIGHT, "generator": [item]}
+        one = {**STRAIGHT, "seeds": [item]}
         alone = exposed(image[[item]], **one, masks=masks[[item]], moves=moves[item])
         assert torch.equal(alone, found[[item]])
         plain = moves[item] == "all" or not masks[item].any()
@@ -132,10 +130,11 @@ def test_parts_move_before_cameras_that_shake_and_read_row_by_row(camera, shake_
     assert torch.equal(aug(image[:1], params=one)[0], out[0])
     taker = aug.ranges.cameras[0]
     velocity = velocity_px_s(one["speed_px_s"], one["direction_deg"])[0]
-    followed = aug.ranges.arguments(one)["moves"] != ["targets"]
+    (exposure,) = aug.ranges.exposures(one)
+    followed = exposure.moves != "targets"
     own, rest = (velocity, 0 * velocity)[:: -1 if followed else 1]
     at = {name: float(one[name]) for name in ("exposure_s", "illuminance_lux")}
-    at |= {"generator": one["noise_seed"].tolist(), "trajectory": shakes(one, [taker], slice(None))[0]}
+    at |= {"generator": one["noise_seed"].tolist(), "trajectory": exposure.trajectory}
     off = (simulated(linear_from_srgb(image[:1]), masks[0], own, rest, taker, **at)[0] - out[0]).abs()
     assert float((off < 1.5 / 255).float().mean()) > 0.995
 
@@ -148,7 +147,7 @@ def test_every_picture_is_simulated_with_the_flow_of_its_own_camera_and_speed():
     found = exposed(image, cameras, ego_kmh=speeds, vehicle=vehicle)
     assert torch.equal(found[2], exposed(image)[2])
     for item, (camera, kmh) in enumerate(zip(cameras, speeds, strict=True)):
-        alone = exposed(image[[item]], camera, ego_kmh=kmh, vehicle=vehicle, generator=[item])
+        alone = exposed(image[[item]], camera, ego_kmh=kmh, vehicle=vehicle, seeds=[item])
         assert torch.equal(alone, found[[item]])
         flow = vehicle.flow_px_s(camera, SIZE, kmh / 3.6)
         dn = simulate(image[[item]], camera, **AT, velocity_px_s=flow, generator=[item])
@@ -165,20 +164,6 @@ def test_targets_that_drive_along_stay_sharp():
     assert float((followed[inside] - still[inside]).abs().max()) < 2 / 255
     assert float((whole[inside] - still[inside]).abs().mean()) > 4 / 255
     assert float((followed[outside] - whole[outside]).abs().mean()) < 2 / 255
-
-
-def test_speeds_are_drawn_evenly_and_replayed():
-    aug = RandomExposure(ego_kmh=(10.0, 90.0), vehicle=ROAD, exposure_s=(0.005, 0.05), p=1.0)
-    torch.manual_seed(1)
-    drawn = aug.generate_parameters((4000, 3, *SIZE))
-    speeds = drawn["ego_kmh"].double()
-    assert float(speeds.mean()) == pytest.approx(50, abs=5 * 80 / math.sqrt(12 * 4000))
-    assert float(speeds.std()) == pytest.approx(80 / math.sqrt(12), rel=5 / math.sqrt(4000))
-    image = batch(4)[0]
-    out, params = aug(image), aug._params
-    for item in range(4):
-        assert torch.equal(aug(image[[item]], params=one_of(params, item)), out[[item]])
-    assert not torch.equal(aug(image, params={**params, "ego_kmh": params["ego_kmh"].flip(0)}), out)
 
 
 def grown(vehicle, box):
@@ -208,9 +193,7 @@ def test_boxes_grow_by_what_their_own_place_does():
     [
         (exposed, {"masks": torch.zeros(2, 1, 9, 9)}, "masks: shape"),
         (exposed, {"masks": torch.full((2, 1, *SIZE), 255, dtype=torch.uint8)}, "masks: values"),
-        (exposed, {"masks": torch.zeros(2, 1, *SIZE), "moves": ["all"] * 3}, "moves"),
-        (exposed, {"ego_kmh": 50.0, "speed_px_s": 5.0}, "ego_kmh"),
-        (exposed, {"vehicle": ROAD}, "vehicle: needs ego_kmh"),
+        (exposed, {"ego_kmh": 50.0, "speed_px_s": 5.0}, "ego_speed_m_s"),
         (ExposureRanges, {"moves": ()}, "moves"),
         (ExposureRanges, {"shake_px": (-1.0, 2.0)}, "shake_px"),
         (ExposureRanges, {"ego_kmh": 500.0}, "ego_kmh = 500.0: must be finite and >= 0 and <= 360"),
@@ -243,36 +226,11 @@ def test_boxes_grow_to_what_is_swept():
     assert torch.equal(in_sequence(BOX, grow=False), BOX)
 
 
-def test_boxes_grow_along_with_flips():
-    """Growth and a flip commute up to the direction's mirror image, which has the same extent."""
-    left, top, right, bottom = GROWN.unbind(-1)
-    mirrored = torch.stack([LAST_X - right, top, LAST_X - left, bottom], -1)
-    torch.testing.assert_close(in_sequence(BOX, RandomHorizontalFlip(p=1.0)), mirrored)
-    aug = RandomExposure(**TENS, grow_boxes=True, p=1.0)
-    before = AugmentationSequential(
-        RandomHorizontalFlip(p=1.0), RandomVerticalFlip(p=1.0), aug, data_keys=["input", "bbox_xyxy"]
-    )(torch.rand(1, 3, 48, 80), BOX)[1]
-    turned = torch.stack([LAST_X - right, LAST_Y - bottom, LAST_X - left, LAST_Y - top], -1)
-    torch.testing.assert_close(before, turned)
-
-
 def test_boxes_grow_no_further_than_the_picture():
     """An edge within the picture stops at its border; one that lies beyond stays where it is."""
     boxes = torch.tensor([[[1.0, 1.0, 78.0, 46.0], [-3.0, -2.0, 85.0, 50.0]]])
     expected = torch.tensor([[[0.0, 0.0, LAST_X, LAST_Y], [-3.0, -2.0, 85.0, 50.0]]])
     torch.testing.assert_close(in_sequence(boxes), expected)
-
-
-def test_boxes_grow_only_with_their_picture():
-    torch.manual_seed(4)
-    aug = RandomExposure(**TENS, grow_boxes=True, p=0.5)
-    sequence = AugmentationSequential(aug, data_keys=["input", "bbox_xyxy"])
-    boxes = BOX.expand(8, 2, 4).clone()
-    _, grown = sequence(torch.rand(8, 3, 48, 80), boxes)
-    chosen = aug._params["batch_prob"] > 0.5
-    assert 0 < int(chosen.sum()) < 8
-    torch.testing.assert_close(grown[chosen], GROWN.expand(int(chosen.sum()), 2, 4))
-    assert torch.equal(grown[~chosen], boxes[~chosen])
 
 
 def test_frames_of_a_video_share_their_conditions_and_not_their_noise():

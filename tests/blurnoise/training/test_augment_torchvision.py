@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 import torch
 import torchvision_ops
-from made_up import Shift
+from exposures import exposed
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise.light import effects
 from blurnoise.motion.ego import Vehicle
-from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import DRAWN
 from blurnoise.training.table import ExposureTable
 
@@ -60,13 +58,13 @@ def test_exposes_as_the_functional_twin_does(of):
             (*DRAWN, "ego_kmh"),
             {"vehicle": ROAD},
         ),
-        "table": (RandomExposureV2.for_conditions(TABLE, p=1.0), DRAWN, {}),
+        "table": (RandomExposureV2(table=TABLE, p=1.0), DRAWN, {}),
     }
     transform, drawn, fixed = ways[of]
     params = transform.make_params([])
     given = {name: params[name] for name in drawn if name in params} | fixed
     seed = rng.item_seeds(torch.Generator().manual_seed(int(params["noise_seed"])), 1)
-    expected = expose_pictures(picture()[None], "imx250", **given, generator=seed)
+    expected = exposed(picture()[None], "imx250", **given, seeds=seed)
     assert torch.equal(transform.transform(picture(), params), expected[0])
 
 
@@ -141,14 +139,6 @@ def test_whole_boxes_grow_by_whole_pixels_and_flows_by_their_place():
     down = 20**2 * 25 / (1.5 * 80 / 2 / math.tan(math.radians(30))) * 0.02 / 2
     assert float(found[3]) == pytest.approx(44 + down, rel=1e-4)
     assert float(found[1]) == pytest.approx(30 - down * (6 / 20) ** 2, rel=1e-4)
-
-
-@pytest.mark.parametrize("box_format", ["XYXY", "XYWH"])
-def test_boxes_move_with_the_picture(monkeypatch, box_format):
-    monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Shift((3, 2))))
-    transform = RandomExposureV2(**{**STRAIGHT, "speed_px_s": 0.0})
-    _, found = transform(tv_tensors.Image(picture()), boxes([5.0, 6.0, 20.0, 26.0], box_format))
-    assert found.tolist() == [[8.0, 8.0, *([23.0, 28.0] if box_format == "XYXY" else [20.0, 26.0])]]
 
 
 @pytest.mark.parametrize("moves", ["targets", "background"])

@@ -1,21 +1,19 @@
 """The conditions of training pictures: drawn from ranges or a table, their distributions, and refusals."""
 
-import copy
 import json
 import math
-import pickle
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from batches import pictures
+from exposures import exposed
 from scipy import stats
 from torch import Tensor
 
 from blurnoise import Camera, RandomExposure, photoelectrons
 from blurnoise.scene.metering import AutoExposure
-from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import ExposureRanges
 from blurnoise.training.table import FILE, Condition, ExposureTable
 
@@ -175,7 +173,7 @@ def test_a_runs_rows_keep_what_belongs_together(tmp_path):
     params = aug.generate_parameters((200, 3, 8, 8))
     first = params["exposure_s"] < math.sqrt(0.01 * 0.02)
     assert 60 < int(first.sum()) < 140
-    moves = aug.ranges.arguments(params)["moves"]
+    moves = [exposure.moves for exposure in aug.ranges.exposures(params)]
     assert moves == ["all" if own else "targets" for own in first.tolist()]
     assert torch.equal(params["camera_index"] == 0, first)
     assert [camera.lens.f_number for camera in aug.ranges.cameras] == [1.4, 4.0]
@@ -186,15 +184,13 @@ def test_a_runs_rows_keep_what_belongs_together(tmp_path):
 
 
 def test_is_expose_pictures_under_what_was_drawn():
-    """With the gain that auto-exposure sets, on a copy too."""
+    """With the gain that auto-exposure sets."""
     auto = AutoExposure(target=0.1)
-    aug = RandomExposure.for_conditions(table(gain_db=auto), p=1.0, grow_boxes=True)
+    aug = RandomExposure(table=table(gain_db=auto), p=1.0, grow_boxes=True)
     seen, params = aug(pictures()), aug._params
     given = {name: params[name] for name in ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg")}
-    given |= {"gain_db": auto, "generator": params["noise_seed"].tolist()}
-    assert torch.equal(seen, expose_pictures(pictures(), "imx250", **given))
-    for other in (copy.deepcopy(aug), pickle.loads(pickle.dumps(aug))):
-        assert torch.equal(other(pictures(), params=params), seen)
+    given |= {"gain_db": auto, "seeds": params["noise_seed"].tolist()}
+    assert torch.equal(seen, exposed(pictures(), "imx250", **given))
     assert "18 conditions" in repr(aug)
 
 
@@ -206,9 +202,9 @@ def test_gains_that_are_stated_stand_beside_those_that_the_camera_sets(tmp_path)
     seen, params = aug(pictures(8)), aug._params
     auto = params["gain_auto"]
     assert 0 < int(auto.sum()) < 8
-    given = {name: params[name] for name in row} | {"generator": params["noise_seed"].tolist()}
+    given = {name: params[name] for name in row} | {"seeds": params["noise_seed"].tolist()}
     for gain, chosen in ((AutoExposure(target=0.3), auto), (6.0, ~auto)):
-        alone = expose_pictures(pictures(8), IMX250, gain_db=gain, **given)
+        alone = exposed(pictures(8), IMX250, gain_db=gain, **given)
         assert torch.equal(seen[chosen], alone[chosen])
 
 
@@ -235,8 +231,9 @@ def test_runs_that_pictures_are_not_taken_under_are_refused(tmp_path, changes, m
     [
         (lambda: RandomExposure.for_run("/dev"), f"run = .*holds no {FILE}"),
         (lambda: ExposureTable.of_run("s3://bucket/run"), r"run = 's3:.*: holds no .*; must be .*location\(URL\)"),
-        (lambda: RandomExposure.for_conditions(table(), exposure_s=0.01), "exposure_s = 0.01: is part of the"),
-        (lambda: RandomExposure.for_conditions({}), "table: must be a .*ExposureTable, got dict"),
+        (lambda: RandomExposure(table=table(), exposure_s=0.01), "exposure_s = 0.01: is part of the table"),
+        (lambda: RandomExposure("imx250", table=table()), "camera = .*: is part of the table"),
+        (lambda: RandomExposure(table={}), "table: must be a .*ExposureTable, got dict"),
         (lambda: table(exposure_s=0.01), "exposure_s = 0.01: must be a sequence"),
         (lambda: ExposureRanges(white_e=(10.0, 1.0)), "white_e"),
     ],

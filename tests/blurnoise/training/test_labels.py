@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from exposures import exposed, exposures
 from kornia.augmentation import (
     AugmentationSequential,
     CenterCrop,
@@ -13,11 +14,10 @@ from kornia.augmentation import (
     VideoSequential,
 )
 
-from blurnoise import Camera, RandomExposure, labels_numpy
+from blurnoise import Camera, Exposure, RandomExposure, labels_numpy
 from blurnoise.camera.lens import Distortion
 from blurnoise.motion.trajectory import shake
 from blurnoise.training.labels import keypoints_after, masks_after, of_targets
-from blurnoise.training.pictures import expose_pictures
 
 SIZE = H, W = (121, 163)
 GLOBAL = Camera.preset("imx250").with_figures(read_noise_e=0.1, dark_current_e_s=0.0)
@@ -75,9 +75,10 @@ def test_masks_and_keypoints_are_where_the_object_is(camera, motion):
     image, centres = squares()
     conditions = {**LIT, **MOTIONS[motion]}
     scene = torch.cat([image, torch.ones_like(image[:1])])
-    seen = expose_pictures(scene, CAMERAS[camera], generator=[1] * len(scene), **conditions).mean(1)
+    seen = exposed(scene, CAMERAS[camera], seeds=[1] * len(scene), **conditions).mean(1)
     share = (seen[:-1] / seen[-1].clamp_min(0.02)).clamp(0, 1)
-    by = list(of_targets(1, CAMERAS[camera], **conditions))
+    del conditions["encoding"]
+    by = exposures(CAMERAS[camera], **conditions)
     masks = masks_after(image[None, :, 0] > 0, by)[0]
     points = keypoints_after(centres[None], by, SIZE)[0]
     for light, mask, point in zip(share, masks, points, strict=True):
@@ -91,7 +92,7 @@ def test_masks_and_keypoints_are_where_the_object_is(camera, motion):
 @pytest.mark.parametrize("dtype", [torch.bool, torch.uint8, torch.int64, torch.float16, torch.float32])
 def test_masks_of_any_type_keep_their_labels(dtype):
     ids = torch.randint(0, 2 if dtype == torch.bool else 120, (2, 3, H, W)).to(dtype)
-    moved = masks_after(ids, list(of_targets(2, CAMERAS["rolling barrel"], **AT)))
+    moved = masks_after(ids, exposures(CAMERAS["rolling barrel"], 2, **AT))
     assert (moved.dtype, moved.shape) == (dtype, ids.shape)
     assert set(moved.unique().tolist()) <= {*ids.unique().tolist(), 0}
     assert bool((moved[..., 0, 0] == 0).all())  # where the lens sees beyond the picture
@@ -100,26 +101,26 @@ def test_masks_of_any_type_keep_their_labels(dtype):
 
 def test_labels_of_a_global_shutter_stay_and_those_of_what_is_followed():
     masks, points = torch.rand(1, 1, *SIZE), torch.rand(1, 4, 2)
-    by = list(of_targets(1, GLOBAL, **AT))
+    by = exposures(GLOBAL, **AT)
     assert torch.equal(masks_after(masks, by), masks)
     assert torch.equal(keypoints_after(points, by, SIZE), points)
     target = torch.zeros(1, 1, *SIZE)
     target[..., 10:30, 10:30] = 1.0
-    followed = list(of_targets(1, ROLLING, moves="background", masks=target, **AT))
+    followed = of_targets(exposures(ROLLING, moves="background", **AT), target)
     assert torch.equal(masks_after(target, followed), target)
 
 
 def test_keypoints_beyond_the_picture_and_unknown_ones():
     far = torch.tensor([[[-1e9, 60.0], [40.0, 1e9], [-3.0, -5.0], [float("nan"), 7.0]]], dtype=torch.float64)
-    moved = keypoints_after(far, list(of_targets(1, ROLLING, exposure_s=0.004, speed_px_s=900.0)), SIZE)[0]
+    moved = keypoints_after(far, exposures(ROLLING, exposure_s=0.004, speed_px_s=900.0), SIZE)[0]
     assert moved[0].tolist() == pytest.approx([-1e9, 60.0])
     assert moved[1].tolist() == pytest.approx(
         [40.0 + 900.0 * READOUT_S / 2, 1e9], rel=0.02
     )  # as the last row
     assert moved[2, 0] < -3.0
     assert bool(moved[3].isnan().any())
-    driving = of_targets(1, CAMERAS["rolling barrel"], exposure_s=0.004, ego_kmh=60.0)
-    assert bool(keypoints_after(far[:, 2:3], list(driving), SIZE).isfinite().all())
+    driving = exposures(CAMERAS["rolling barrel"], exposure_s=0.004, ego_kmh=60.0)
+    assert bool(keypoints_after(far[:, 2:3], driving, SIZE).isfinite().all())
 
 
 def test_kornia_moves_labels_as_the_numpy_door_does():
@@ -132,7 +133,7 @@ def test_kornia_moves_labels_as_the_numpy_door_does():
     _, masks, points, found = AugmentationSequential(aug, data_keys=keys)(*given)
     edges = torch.cat([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], 1).numpy()
     arrays = {"label_masks": given[1][0].numpy(), "keypoints": centres.numpy(), "boxes": edges}
-    expected = labels_numpy((H, W, 3), CAMERAS["rolling barrel"], **arrays, **AT)
+    expected = labels_numpy((H, W, 3), exposures(CAMERAS["rolling barrel"], **AT), **arrays)
     assert np.array_equal(masks[0].numpy(), expected.label_masks)
     np.testing.assert_allclose(points[0].numpy(), expected.keypoints, atol=1e-3)
     wanted = np.concatenate([expected.boxes[:, :2], expected.boxes[:, 2:] - expected.boxes[:, :2]], 1)
@@ -171,9 +172,8 @@ def test_kornias_boxes_are_edges_as_bbox_xywh():
         ((H, W), {"label_masks": np.zeros((3, H))}, r"label_masks: shape must be \(\.\.\., 121, 163\)"),
         ((2, H, W, 3), {"keypoints": np.zeros((3, 2))}, r"keypoints: shape must be \(2, N, 2\)"),
         ((H,), {}, "shape"),
-        ((H, W), {"speed": 3.0}, "speed = 3.0: is no condition"),
     ],
 )
 def test_labels_of_other_shapes_are_named(shape, labels, words):
     with pytest.raises((TypeError, ValueError), match=words):
-        labels_numpy(shape, "ar0237", exposure_s=0.01, **labels)
+        labels_numpy(shape, Exposure(ROLLING, 0.01, 0.0), **labels)

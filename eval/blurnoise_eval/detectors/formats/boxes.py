@@ -34,9 +34,11 @@ class Candidates:
         return len(self.scores)
 
     def __getitem__(self, index: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Candidates:
-        each = None if self.class_scores is None else self.class_scores[index]
+        class_scores = None if self.class_scores is None else self.class_scores[index]
         leads = None if self.leads is None else self.leads[index]
-        return Candidates(self.boxes_xyxy[index], self.scores[index], self.class_ids[index], each, leads)
+        return Candidates(
+            self.boxes_xyxy[index], self.scores[index], self.class_ids[index], class_scores, leads
+        )
 
     def with_classes(
         self, min_score: float, class_ids: NDArray[np.int64] | None = None, above: FloatArray | None = None
@@ -55,8 +57,10 @@ class Candidates:
         if above is not None:
             enough &= scores > above
         box, column = np.nonzero(enough)
-        own = column if class_ids is None else class_ids[column]
-        return Candidates(self.boxes_xyxy[box], scores[box, column], own, leads=own == self.class_ids[box])
+        classes = column if class_ids is None else class_ids[column]
+        return Candidates(
+            self.boxes_xyxy[box], scores[box, column], classes, leads=classes == self.class_ids[box]
+        )
 
 
 def best_class(class_scores: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -86,15 +90,17 @@ def select(
     boxes: (N, 4) = centre x, y, width, height, px; with ``corners`` left, top, right, bottom. class_scores:
     (N, classes), if the graph tells them.
     """
-    found = Candidates(boxes, scores, class_ids, class_scores)
+    candidates = Candidates(boxes, scores, class_ids, class_scores)
     strong = scores >= min_score
-    found = found if strong.all() else found[np.flatnonzero(strong)]
+    candidates = candidates if strong.all() else candidates[np.flatnonzero(strong)]
     if not corners:
-        centres, half = found.boxes_xyxy[:, :2], found.boxes_xyxy[:, 2:] / 2
+        centres, half = candidates.boxes_xyxy[:, :2], candidates.boxes_xyxy[:, 2:] / 2
         with np.errstate(invalid="ignore"):  # boxes that are not finite are left out below
-            found = replace(found, boxes_xyxy=np.concatenate([centres - half, centres + half], axis=1))
-    finite = np.isfinite(found.boxes_xyxy).all(axis=1)
-    return found if finite.all() else found[np.flatnonzero(finite)]
+            candidates = replace(
+                candidates, boxes_xyxy=np.concatenate([centres - half, centres + half], axis=1)
+            )
+    finite = np.isfinite(candidates.boxes_xyxy).all(axis=1)
+    return candidates if finite.all() else candidates[np.flatnonzero(finite)]
 
 
 def suppress(

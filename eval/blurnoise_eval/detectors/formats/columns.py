@@ -55,10 +55,10 @@ def _values(answer: Answer, outputs: Sequence[Output], classes: int) -> dict[str
             values[column.kind] = rows[:, start : start + width]
             start += width
     if count is not None:
-        values = {kind: each[:count] for kind, each in values.items()}
+        values = {kind: rows_of_kind[:count] for kind, rows_of_kind in values.items()}
     if "picture" in values:
-        own = values["picture"][:, 0] == 0
-        values = {kind: each[own] for kind, each in values.items()}
+        first = values["picture"][:, 0] == 0
+        values = {kind: rows_of_kind[first] for kind, rows_of_kind in values.items()}
     return values
 
 
@@ -77,13 +77,13 @@ def decode(
     values, how = _values(answer, outputs, classes), _how(outputs)
     kind = next(kind for kind in BOXES if kind in values)
     if "scores" in values:
-        scores, class_ids, each, kept = _class_scores(values, how, min_score)
+        scores, class_ids, class_scores, kept = _class_scores(values, how, min_score)
     else:
         numbers = values["class"][:, 0] if "class" in values else np.zeros(len(values["score"]), np.float32)
         numbers = numbers - (how.get("class") == "from 1")
         kept = np.flatnonzero(np.isfinite(numbers) & (numbers >= 0))
         scores = _activated(values["score"][kept, 0], how["score"])
-        class_ids, each = numbers[kept].astype(np.int64), None
+        class_ids, class_scores = numbers[kept].astype(np.int64), None
     boxes = values[kind][kept]
     if kind == "yxyx":
         boxes = boxes[:, [1, 0, 3, 2]]
@@ -91,7 +91,7 @@ def decode(
         boxes = boxes * np.array([size_px[1], size_px[0]] * 2, np.float32)
     if kind == "xywh":
         boxes = np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
-    return select(boxes, scores, class_ids, min_score, each, corners=kind != "cxcywh")
+    return select(boxes, scores, class_ids, min_score, class_scores, corners=kind != "cxcywh")
 
 
 def _class_scores(
@@ -100,21 +100,21 @@ def _class_scores(
     """Of the rows that may reach ``min_score``: highest score, its class, scores of all classes; and which rows."""
     scores, objectness = values["scores"], values.get("objectness")
     if how["scores"] == "by softmax":
-        every = np.concatenate([scores, values.get("background", scores[:, :0])], axis=1)
-        scores = softmax(every, axis=1)[:, : scores.shape[1]]
+        logits = np.concatenate([scores, values.get("background", scores[:, :0])], axis=1)
+        scores = softmax(logits, axis=1)[:, : scores.shape[1]]
     leads, lead = (scores, "scores") if objectness is None else (objectness, "objectness")
     with np.errstate(divide="ignore"):
         least = logit(min_score) if how[lead] == "by sigmoid" else min_score
     kept = np.flatnonzero(leads.max(axis=1) >= least)  # a NaN makes the maximum NaN, which drops the row
     raw = scores[kept]
-    each = sigmoid(raw) if how["scores"] == "by sigmoid" else raw
+    of_classes = sigmoid(raw) if how["scores"] == "by sigmoid" else raw
     if objectness is not None:
-        each = each * _activated(objectness[kept], how["objectness"])
-    found, class_ids = best_class(each)
+        of_classes = of_classes * _activated(objectness[kept], how["objectness"])
+    best, class_ids = best_class(of_classes)
     if objectness is None and how["scores"] == "by sigmoid":
         class_ids = best_class(raw)[1]  # large logits all give a sigmoid of 1
-    strong = np.flatnonzero(found >= min_score)
-    return found[strong], class_ids[strong], each[strong], kept[strong]
+    strong = np.flatnonzero(best >= min_score)
+    return best[strong], class_ids[strong], of_classes[strong], kept[strong]
 
 
 def _activated(values: FloatArray, how: str) -> FloatArray:
@@ -126,11 +126,11 @@ def _activated(values: FloatArray, how: str) -> FloatArray:
 
 def matched(outputs: Sequence[Output], infos: Sequence[TensorInfo], classes: int) -> list[TensorInfo] | None:
     """The graph's outputs in the order of those stated, by name, else by shape and type; None if one is missing."""
-    found: dict[int, TensorInfo] = {}
+    by_place: dict[int, TensorInfo] = {}
     order = sorted(range(len(outputs)), key=lambda n: (not outputs[n].name, -outputs[n].width(classes)))
     for number in order:
         output = outputs[number]
-        left = [info for info in infos if info not in found.values()]
+        left = [info for info in infos if info not in by_place.values()]
         if output.name:
             left = [info for info in left if _named(info.name, output.name)]
         left = [info for info in left if fits(output, info, classes)]
@@ -138,8 +138,8 @@ def matched(outputs: Sequence[Output], infos: Sequence[TensorInfo], classes: int
         typed = [info for info in left if (info.type in _INTEGERS) == whole]
         if not left:
             return None
-        found[number] = (typed if len(output.columns) == 1 and typed else left)[0]
-    return [found[number] for number in range(len(outputs))]
+        by_place[number] = (typed if len(output.columns) == 1 and typed else left)[0]
+    return [by_place[number] for number in range(len(outputs))]
 
 
 def _named(name: str, pattern: str) -> bool:
@@ -181,7 +181,7 @@ def _finite(values: dict[str, FloatArray]) -> dict[str, FloatArray]:
     """Without rows that hold NaN, and without padding: rows of one value."""
     rows = np.concatenate(list(values.values()), axis=1)
     kept = np.isfinite(rows).all(axis=1) & (np.ptp(rows, axis=1) > 0) if rows.shape[1] > 1 else slice(None)
-    return {kind: each[kept] for kind, each in values.items()}
+    return {kind: rows_of_kind[kept] for kind, rows_of_kind in values.items()}
 
 
 Values = dict[str, FloatArray]
@@ -217,17 +217,17 @@ def _no_activation(values: Values, how: dict[str, str], size_px: tuple[int, int]
     scores = values.get("scores")
     if scores is None or len(scores) < _FEWEST_QUERIES or "objectness" in values:
         return ""
-    every = np.concatenate([scores, values.get("background", scores[:, :0])], axis=1)
+    with_background = np.concatenate([scores, values.get("background", scores[:, :0])], axis=1)
     if how["scores"] == "by softmax":
-        nothing = 1 - softmax(every, axis=1)[:, : scores.shape[1]].sum(axis=1)
+        nothing = 1 - softmax(with_background, axis=1)[:, : scores.shape[1]].sum(axis=1)
         return "" if np.median(nothing) > 0.5 else "most rows would show an object, by softmax"
-    found = sigmoid(scores) if how["scores"] == "by sigmoid" else scores
+    probabilities = sigmoid(scores) if how["scores"] == "by sigmoid" else scores
     if "background" in values and not how["scores"]:
         return ""
-    sums = every.sum(axis=1)
-    if not how["scores"] and every.shape[1] > 1 and np.allclose(sums, 1, atol=2e-3):
+    sums = with_background.sum(axis=1)
+    if not how["scores"] and with_background.shape[1] > 1 and np.allclose(sums, 1, atol=2e-3):
         return "the scores of each row are a softmax: their sum is 1"
-    if np.median(found.max(axis=1)) >= 0.3:
+    if np.median(probabilities.max(axis=1)) >= 0.3:
         return "most rows would show an object" + ", by sigmoid" * bool(how["scores"])
     return ""
 
@@ -276,8 +276,10 @@ def alternatives(text: str) -> Iterator[str]:
     boxes = [Column(kind, how) for kind, how in product(BOXES[:3], ("", "in shares"))]
     boxes.sort(key=lambda other: (other.kind != box.kind) + (other.how != box.how))
     kinds = {column.kind for column in columns}
-    own = next(column.how for column in columns if column.kind in ("score", "scores"))
-    hows = [own] + [how for how in ("", "by sigmoid", "by softmax") if how != own and "scores" in kinds]
+    activation = next(column.how for column in columns if column.kind in ("score", "scores"))
+    hows = [activation] + [
+        how for how in ("", "by sigmoid", "by softmax") if how != activation and "scores" in kinds
+    ]
     if "objectness" in kinds or "background" not in kinds:
         hows.remove("by softmax") if "by softmax" in hows else None
     for how, order, other in product(hows, _orders(outputs), boxes):
@@ -297,19 +299,19 @@ def _orders(outputs: Sequence[Output]) -> list[tuple[Output, ...]]:
     """Orders of the columns of a box, its score and its class, the nearest first."""
     columns = [column for output in outputs for column in output.columns]
     pair = [column for column in columns if column.kind in ("score", "class")]
-    found = [tuple(outputs)]
+    orders = [tuple(outputs)]
     if len(pair) < 2:
-        return found
+        return orders
     other = {pair[0]: pair[1], pair[1]: pair[0]}
-    found.append(tuple(Output(o.name, tuple(other.get(c, c) for c in o.columns)) for o in outputs))
+    orders.append(tuple(Output(o.name, tuple(other.get(c, c) for c in o.columns)) for o in outputs))
     if len(outputs) == 1:
         first = [column for column in columns if column.kind == "picture"]
         box = [column for column in columns if column.kind in BOXES]
         for one, two in permutations(pair):
-            found += [
+            orders += [
                 (Output("", tuple(order)),) for order in ([*first, one, two, *box], [*first, *box, one, two])
             ]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(orders))
 
 
 def readings(
@@ -322,7 +324,9 @@ def readings(
     why = refuted(answers, text, size_px, classes)
     allowed = [] if why else [text]
     if why or others:
-        allowed += [each for each in alternatives(text) if not refuted(answers, each, size_px, classes)]
+        allowed += [
+            reading for reading in alternatives(text) if not refuted(answers, reading, size_px, classes)
+        ]
     return allowed, why
 
 
@@ -330,4 +334,4 @@ def named(text: str, names: Sequence[str]) -> str:
     """The text with the names of the graph's outputs, in its order, where there are several."""
     outputs = parsed(text)
     pairs = zip(outputs, names, strict=True)
-    return written(replace(each, name=name) for each, name in pairs) if len(outputs) > 1 else text
+    return written(replace(output, name=name) for output, name in pairs) if len(outputs) > 1 else text

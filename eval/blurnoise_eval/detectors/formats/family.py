@@ -57,8 +57,8 @@ class Signature:
         lines += [f"  output {entry}" for entry in self.outputs]
         lines += [f"  {note}" for note in self.notes]
         lines.append(f"  metadata keys: {', '.join(sorted(self.metadata)) or 'none'}")
-        stated = "to set the contract, write <model>.contract.json beside the model, for example"
-        return "\n".join([*lines, f"  {stated} {Contract.EXAMPLE}"])
+        hint = "to set the contract, write <model>.contract.json beside the model, for example"
+        return "\n".join([*lines, f"  {hint} {Contract.EXAMPLE}"])
 
 
 def extra_feeds(
@@ -78,7 +78,9 @@ def extra_feeds(
     types = _INTEGERS | {"tensor(float)": np.float32}
     if any(entry.name not in known or entry.type not in types for entry in inputs):
         return None
-    return {each.name: np.repeat(known[each.name].astype(types[each.type]), batch, axis=0) for each in inputs}
+    return {
+        extra.name: np.repeat(known[extra.name].astype(types[extra.type]), batch, axis=0) for extra in inputs
+    }
 
 
 def read_signature(model: OnnxModel, size_px: tuple[int, int]) -> Signature:
@@ -106,20 +108,20 @@ def read_signature(model: OnnxModel, size_px: tuple[int, int]) -> Signature:
         raise ModelError(f"{error}; {must}") from None
     actual = tuple(TensorInfo(o.name, a.shape, o.type) for o, a in zip(outputs, answers, strict=True))
     notes = tuple(
-        f"output {stated.name!r} gives {list(given.shape)} where the graph declares {list(stated.shape)}; the former "
-        "is used"
-        for stated, given in zip(outputs, actual, strict=True)
-        if not _declared(stated.shape, given.shape)
+        f"output {declared.name!r} gives {list(given.shape)} where the graph declares {list(declared.shape)}; the "
+        "former is used"
+        for declared, given in zip(outputs, actual, strict=True)
+        if not _declared(declared.shape, given.shape)
     )
     by_name = {o.name: np.asarray(a, np.float32) for o, a in zip(outputs, answers, strict=True)}
     return Signature(inputs, actual, model.metadata, (height, width), answer, by_name, notes)
 
 
-def _declared(stated: Shape, given: Shape) -> bool:
+def _declared(declared: Shape, given: Shape) -> bool:
     """Whether an output has the shape that its graph declares."""
-    open_axes = (None if isinstance(n, str) else n for n in stated)
-    return not stated or (
-        len(stated) == len(given) and all(n in (None, m) for n, m in zip(open_axes, given, strict=True))
+    open_axes = (None if isinstance(n, str) else n for n in declared)
+    return not declared or (
+        len(declared) == len(given) and all(n in (None, m) for n, m in zip(open_axes, given, strict=True))
     )
 
 
@@ -186,8 +188,8 @@ class Family:
 
     def describe(self, signature: Signature) -> Layout | None:
         """How the family reads a graph's outputs; None if they have none of its layouts."""
-        every = (_read(self, signature, text, strides) for text in self.layouts for strides in self.strides)
-        return next(filter(None, every), None)
+        layouts = (_read(self, signature, text, strides) for text in self.layouts for strides in self.strides)
+        return next(filter(None, layouts), None)
 
 
 def _read(family: Family, signature: Signature, text: str, strides: tuple[int, ...]) -> Layout | None:
@@ -200,25 +202,25 @@ def _read(family: Family, signature: Signature, text: str, strides: tuple[int, .
     named = all(":" in entry and "*" not in entry for entry in wanted)
     if not (named or "..." in entries or len(signature.outputs) == len(wanted)):
         return None
-    found: dict[str, TensorInfo] = {}
+    by_name: dict[str, TensorInfo] = {}
     classes = {0}
     for entry in sorted(
         wanted, key=lambda entry: "C" in entry
     ):  # what a number of classes cannot blur comes first
         name, _, axes = entry.rpartition(": ")
-        left = [o for o in signature.outputs if o not in found.values()]
+        left = [o for o in signature.outputs if o not in by_name.values()]
         left = [
             o for o in left if fnmatch(o.name.split(":")[0].lower(), name or "*")
         ]  # TensorFlow's end in ":0"
         counts = [_classes(output, axes.split(), signature.size_px, strides) for output in left]
         if len(counts) - counts.count(None) != 1:
             return None
-        found[entry], count = next(pair for pair in zip(left, counts, strict=True) if pair[1] is not None)
+        by_name[entry], count = next(pair for pair in zip(left, counts, strict=True) if pair[1] is not None)
         classes.add(count or 0)
     if len(classes) > 2:
         return None
-    outputs = [found[entry] for entry in wanted]
-    if "ordered" in entries and outputs != [each for each in signature.outputs if each in outputs]:
+    outputs = [by_name[entry] for entry in wanted]
+    if "ordered" in entries and outputs != [one for one in signature.outputs if one in outputs]:
         return None
     shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in outputs)
     why = f"output{'s' * (len(outputs) > 1)} {shapes}" + (f" as {text}" if not named else "")

@@ -48,12 +48,12 @@ def _decode_yolox(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_s
     """
     rows = outputs[0][0]
     kept = np.flatnonzero(rows[:, 4] >= min_score)  # which NaN does not reach
-    found = rows[kept]
-    class_scores = found[:, 5:]
-    class_scores *= found[:, 4:5]
+    rows_kept = rows[kept]
+    class_scores = rows_kept[:, 5:]
+    class_scores *= rows_kept[:, 4:5]
     scores, class_ids = best_class(class_scores)
     strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
-    boxes = found[strong, :4]
+    boxes = rows_kept[strong, :4]
     column_row, stride = (values[kept[strong]] for values in grid(size_px))
     boxes[:, :2] += column_row
     with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
@@ -78,8 +78,8 @@ def _decode_fastest(outputs: Sequence[FloatArray], size_px: tuple[int, int], min
     boxes = np.empty((len(kept), 4), np.float32)
     boxes[:, :2] = (np.tanh(rows[:, 1:3]) + grid(size_px, (16,))[0][kept]) * cell
     boxes[:, 2:] = sigmoid(rows[:, 3:5]) * input_wh
-    each = np.maximum(rows[:, 5:], 0) ** 0.4 * rows[:, :1] ** 0.6
-    return select(boxes, scores, class_ids, min_score, each)
+    of_classes = np.maximum(rows[:, 5:], 0) ** 0.4 * rows[:, :1] ** 0.6
+    return select(boxes, scores, class_ids, min_score, of_classes)
 
 
 def _decode_nano(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
@@ -204,11 +204,11 @@ def _boxes(
     fields: FloatArray, kept: NDArray[np.int64], size_px: tuple[int, int], head: AnchorHead
 ) -> FloatArray:
     """Centre x, y, width, height, px; ``kept``: which of all, cell by cell, anchor by anchor."""
-    cell, place = np.divmod(kept, head.per_cell)
+    cell, anchor_index = np.divmod(kept, head.per_cell)
     column_row, stride = (values[cell] for values in grid(size_px, head.strides))
     level = np.repeat(np.arange(len(head.strides)), _counts(size_px, head))[cell]
     scale = np.asarray(head.scales, np.float32)[level, None]
-    anchor = np.asarray(head.anchors, np.float32)[level, place]
+    anchor = np.asarray(head.anchors, np.float32)[level, anchor_index]
     share = fields if head.activated else sigmoid(fields)
     boxes = np.empty_like(fields)
     boxes[:, :2] = (share[:, :2] * scale - (scale - 1) / 2 + column_row) * stride

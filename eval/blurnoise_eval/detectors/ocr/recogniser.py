@@ -106,13 +106,13 @@ class SpottingContract:
 
     def to_dict(self) -> dict[str, Any]:
         """Every field in JSON's types, and ``sources``."""
-        found: dict[str, Any] = {}
+        fields: dict[str, Any] = {}
         sources: dict[str, str] = {}
         for part, contract in (("regions", self.regions), ("text", self.text)):
             values = contract.to_dict()
             sources |= {f"{part}.{name}": source for name, source in values.pop("sources").items()}
-            found |= {f"{part}.{name}": value for name, value in values.items()}
-        return {**found, "sources": sources}
+            fields |= {f"{part}.{name}": value for name, value in values.items()}
+        return {**fields, "sources": sources}
 
 
 TEXT_PRESETS = {"ppocr": TextContract()}
@@ -135,10 +135,10 @@ NOTHING = Reading("", 0.0)
 
 def joined(readings: Sequence[Reading]) -> Reading:
     """Several texts with spaces between them, and the mean confidence of their characters."""
-    found = [reading for reading in readings if reading.text]
-    total = sum(reading.confidence * len(reading.text) for reading in found)
-    count = max(sum(len(reading.text) for reading in found), 1)
-    return Reading(" ".join(reading.text for reading in found), total / count)
+    read = [reading for reading in readings if reading.text]
+    total = sum(reading.confidence * len(reading.text) for reading in read)
+    count = max(sum(len(reading.text) for reading in read), 1)
+    return Reading(" ".join(reading.text for reading in read), total / count)
 
 
 def characters(lines: str) -> list[str]:
@@ -205,13 +205,13 @@ class TextNetwork(OnnxModel):
         if output.ndim < 1 or len(output) != self.batch:
             answers = f"the output for {self.batch} picture(s) is {list(output.shape)}"
             raise ModelError(f"{self.path.name}: {answers}; its first axis must be the batch")
-        found = np.asarray(output[0], np.float32)
-        self._count_non_finite([found])
-        return found
+        answer = np.asarray(output[0], np.float32)
+        self._count_non_finite([answer])
+        return answer
 
 
 class Recogniser(TextNetwork):
-    """An ONNX text recogniser with its contract; what holds of every :class:`OnnxModel` holds of it.
+    """An ONNX text recogniser with its contract. Threads and errors: see :class:`OnnxModel`.
 
     ``contract``: a :class:`TextContract`, a mapping, a contract file or "ppocr"; None looks beside the model and into
     its metadata, then assumes PP-OCR's. ``dictionary``: a file with a character a line; None takes the contract's,
@@ -268,8 +268,8 @@ class Recogniser(TextNetwork):
             file, source = fetched_file(given), "given"
             name = file.name
         else:
-            own = Path(contract) if isinstance(contract, (str, Path)) else self.path
-            file = (own if own.is_file() else self.path).parent / str(name)
+            contract_path = Path(contract) if isinstance(contract, (str, Path)) else self.path
+            file = (contract_path if contract_path.is_file() else self.path).parent / str(name)
         sources = {**self.contract.sources, "dictionary": source}
         self.contract = replace(self.contract, dictionary=name, sources=sources)
         if file is None:
@@ -339,8 +339,8 @@ def is_recogniser(model: OnnxModel) -> bool:
         return False
     family = "ppocr" if DICTIONARY_KEY in model.metadata else None
     with suppress(ModelError):
-        stated, _ = beside(model.path, model.metadata) or ({}, "")
-        family = stated.get("family", family) if isinstance(stated, dict) else family
+        fields, _ = beside(model.path, model.metadata) or ({}, "")
+        family = fields.get("family", family) if isinstance(fields, dict) else family
     return family in TEXT_PRESETS
 
 
@@ -351,7 +351,7 @@ def rapidocr_models() -> tuple[Path, Path] | None:
     for package in ("rapidocr", "rapidocr_onnxruntime"):
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
-            every = [sorted(Path(folder, "models").glob(f"*_{task}_*.onnx")) for task in ("det", "rec")]
-            if all(every):
-                return every[0][-1], every[1][-1]
+            networks = [sorted(Path(folder, "models").glob(f"*_{task}_*.onnx")) for task in ("det", "rec")]
+            if all(networks):
+                return networks[0][-1], networks[1][-1]
     return None

@@ -39,7 +39,7 @@ _UPRIGHT = 1.5  # height / width from which a region holds a line that runs down
 
 
 class TextSpotter(TextNetwork):
-    """An ONNX text detector (DB) before a recogniser; what holds of every :class:`OnnxModel` holds of it.
+    """An ONNX text detector (DB) before a recogniser. Threads and errors: see :class:`OnnxModel`.
 
     ``contract``: a :class:`RegionContract`, a mapping, a contract file or "db", for the detector; None looks
     beside it and into its metadata, then assumes PP-OCR's. Raises :class:`ModelError` for a file that is no such
@@ -92,11 +92,11 @@ class TextSpotter(TextNetwork):
         readings = []
         for x0, y0, x1, y1 in np.asarray(boxes_xyxy, np.float64).reshape(-1, 4):
             inside = (centres >= (x0, y0)).all(axis=1) & (centres < (x1, y1)).all(axis=1)
-            places = in_reading_order(regions, np.flatnonzero(inside).tolist())
-            for place in places:
-                if place not in read:
-                    read[place] = self.recogniser.read_crop(straighten(image, regions[place]))
-            readings.append(joined([read[place] for place in places]))
+            order = in_reading_order(regions, np.flatnonzero(inside).tolist())
+            for index in order:
+                if index not in read:
+                    read[index] = self.recogniser.read_crop(straighten(image, regions[index]))
+            readings.append(joined([read[index] for index in order]))
         return readings
 
     def input_size_px(self, height_px: int, width_px: int) -> tuple[int, int]:
@@ -113,32 +113,32 @@ class TextSpotter(TextNetwork):
         blob, _ = lay_in(image, self.contract.regions.stretched(), self.input_size_px(height, width))
         probabilities = self._probabilities(blob)
         scale = np.array([width, height], np.float32) / probabilities.shape[::-1]
-        found = find_regions(probabilities, self.contract.regions)
-        return [(corners * scale).astype(np.float32) for corners in found]
+        regions = find_regions(probabilities, self.contract.regions)
+        return [(corners * scale).astype(np.float32) for corners in regions]
 
     def _probabilities(self, blob: FloatArray) -> FloatArray:
         """The network's map (h, w) for its input (1, 3, H, W); values that are not finite are no text."""
-        found = np.nan_to_num(self._answer(blob), nan=0.0, posinf=0.0, neginf=0.0)
-        least, most = found.min(initial=0.0), found.max(initial=0.0)
-        if found.ndim != 3 or len(found) != 1 or least < -0.01 or most > 1.01:
-            seen = f"its output is {list(found.shape)}, {least:g} to {most:g}"
+        probabilities = np.nan_to_num(self._answer(blob), nan=0.0, posinf=0.0, neginf=0.0)
+        least, most = probabilities.min(initial=0.0), probabilities.max(initial=0.0)
+        if probabilities.ndim != 3 or len(probabilities) != 1 or least < -0.01 or most > 1.01:
+            answer = f"its output is {list(probabilities.shape)}, {least:g} to {most:g}"
             must = "must be [1, height, width], a map of probabilities >= 0 and <= 1"
-            raise ModelError(f"{self.path.name}: {seen}; {must}")
-        return np.asarray(found[0], np.float32)
+            raise ModelError(f"{self.path.name}: {answer}; {must}")
+        return np.asarray(probabilities[0], np.float32)
 
 
-def in_reading_order(regions: Sequence[FloatArray], places: Sequence[int]) -> list[int]:
+def in_reading_order(regions: Sequence[FloatArray], indices: Sequence[int]) -> list[int]:
     """Return places among regions, from the top down and, where one's middle is above another's lower edge, from the
     left."""
-    low = {place: regions[place].min(axis=0) for place in places}
-    high = {place: regions[place].max(axis=0) for place in places}
+    low = {index: regions[index].min(axis=0) for index in indices}
+    high = {index: regions[index].max(axis=0) for index in indices}
     rows: list[list[int]] = []
-    for place in sorted(places, key=lambda place: low[place][1] + high[place][1]):
-        if rows and (low[place][1] + high[place][1]) / 2 < high[rows[-1][0]][1]:
-            rows[-1].append(place)
+    for index in sorted(indices, key=lambda index: low[index][1] + high[index][1]):
+        if rows and (low[index][1] + high[index][1]) / 2 < high[rows[-1][0]][1]:
+            rows[-1].append(index)
         else:
-            rows.append([place])
-    return [place for row in rows for place in sorted(row, key=lambda place: low[place][0])]
+            rows.append([index])
+    return [index for row in rows for index in sorted(row, key=lambda index: low[index][0])]
 
 
 def find_regions(probabilities: FloatArray, contract: RegionContract) -> list[FloatArray]:
@@ -148,7 +148,7 @@ def find_regions(probabilities: FloatArray, contract: RegionContract) -> list[Fl
     """
     text = (probabilities > contract.threshold).astype(np.uint8)
     contours, _ = cv2.findContours(text, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
-    found: list[tuple[float, FloatArray]] = []
+    regions: list[tuple[float, FloatArray]] = []
     for contour in contours:
         centre, (width, height), angle_deg = cv2.minAreaRect(contour)
         if min(width, height) < _LEAST_SIDE_PX:
@@ -161,8 +161,8 @@ def find_regions(probabilities: FloatArray, contract: RegionContract) -> list[Fl
         grown = contract.unclip * width * height / (width + height)
         middle = (centre[0] + 0.5, centre[1] + 0.5)
         turned = (middle, (width + grown, height + grown), angle_deg)
-        found.append((score, _ordered(cv2.boxPoints(turned))))
-    return [corners for _, corners in sorted(found, key=lambda each: -each[0])[:_MOST_REGIONS]]
+        regions.append((score, _ordered(cv2.boxPoints(turned))))
+    return [corners for _, corners in sorted(regions, key=lambda pair: -pair[0])[:_MOST_REGIONS]]
 
 
 def straighten(image: NDArray[np.uint8], corners: FloatArray) -> NDArray[np.uint8]:
