@@ -53,7 +53,7 @@ class Subject:
     """
 
     def __init__(self, picture: Picture, run: Run | None = None) -> None:
-        self._name, self._run = picture.name, run
+        self._name, self._of_run = picture.name, run is not None
         criterion = run.criterion if run else _USUAL
         self._criterion = criterion if criterion.score == CONFIDENCE else _USUAL
         self.scene = run.scene(picture) if run else PictureScene(picture.load(), picture=picture)
@@ -67,11 +67,8 @@ class Subject:
         """The picture of a state: the cell that a sweep would compute for it. Raises ``ValueError``."""
         seed = state.seed
         if seed is None:
-            seed = cell_seed(self._run.plan.seed, self._name, state.repeat) if self._run else 0
-        cell = Cell(self._name, state.repeat, state.at, seed)
-        if self._run:
-            return self._run.expose(self.scene, cell, camera)
-        return next(frames(self.scene, [cell], camera))
+            seed = cell_seed(self.scene.plan.seed, self._name, state.repeat) if self._of_run else 0
+        return next(frames(self.scene, [Cell(self._name, state.repeat, state.at, seed)], camera))
 
     @cached_property
     def small(self) -> PictureScene:
