@@ -84,7 +84,7 @@ def test_interrupted_it_goes_on_to_the_same_rows(done, detector, tmp_path, after
     with pytest.raises(KeyboardInterrupt):
         decide(tmp_path, detector, engine=Stopping(after))
     with Store(tmp_path) as store:
-        cells = sum(not cell["clean"] for cell in store.cells())
+        cells = sum(not cell.conditions.original for cell in store.cells())
         wanted = sum(len(batch.conditions) for batch in Run.open(tmp_path).setup.batches) * len(PICTURES)
     assert cells < wanted  # noted before it was computed
     again = decide(tmp_path, detector)

@@ -18,7 +18,7 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.plan.axes import NAMES
 from blurnoise_eval.plan.conditions import cell_seed
 from blurnoise_eval.plan.plan import SweepPlan
-from blurnoise_eval.run import identity
+from blurnoise_eval.run import identity, latency
 from blurnoise_eval.run.coco_export import write_detections
 from blurnoise_eval.run.computing import compute
 from blurnoise_eval.run.engines import ThreadEngine
@@ -223,11 +223,11 @@ class Clock:
 
 def test_latency_is_cpu_time_without_warm_up(detector, monkeypatch):
     clock = Clock()
-    monkeypatch.setattr(identity, "time", clock)
+    monkeypatch.setattr(latency, "time", clock)
     monkeypatch.setattr(detector, "detect", clock.detect)
-    measured = identity.latency(detector, pictures(SIGN, count=6))
+    measured = latency.latency(detector, pictures(SIGN, count=6))
     assert measured["pictures"] == 6
     assert [measured["median_ms"], measured["p95_ms"]] == pytest.approx([20, 20])
     assert 10 <= measured["runs"] <= 60
     monkeypatch.setattr(detector, "detect", Failing(detector, range(100)))
-    assert identity.latency(detector, LABELLED) == {}
+    assert latency.latency(detector, LABELLED) == {}
