@@ -27,8 +27,8 @@ from blurnoise.scene.metering import AutoExposure
 from blurnoise.training.arrays import CHANNELS, Array, expose_numpy
 from blurnoise.training.augmentation import OverConditions
 from blurnoise.training.labels import boxes_after, keypoints_after, of_targets, pixels_after
-from blurnoise.training.ranges import Cameras, Draws, ExposureRanges
-from blurnoise.training.table import Condition, ExposureTable
+from blurnoise.training.ranges import Cameras, ExposureRanges, ExposureSource
+from blurnoise.training.table import ConditionRow, ExposureTable
 
 try:
     from albumentations.core.transform_params import SampledParams  # AlbumentationsX
@@ -129,14 +129,14 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
         return {"drawn": drawn, "ranges": self.ranges}
 
     def apply(
-        self, img: Array, drawn: dict[str, Any], ranges: Draws, *, stream: str = "", **params: Any
+        self, img: Array, drawn: dict[str, Any], ranges: ExposureSource, *, stream: str = "", **params: Any
     ) -> Array:
         """The image exposed."""
         batch = img.reshape(1, *img.shape[:2], -1)
         return self.apply_to_images(batch, drawn, ranges, stream=stream).reshape(img.shape)
 
     def apply_to_images(
-        self, images: Array, drawn: dict[str, Any], ranges: Draws, *, stream: str = "", **params: Any
+        self, images: Array, drawn: dict[str, Any], ranges: ExposureSource, *, stream: str = "", **params: Any
     ) -> Array:
         """The images (B, H, W, C) or (B, H, W) exposed."""
         if not len(images):
@@ -155,7 +155,9 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
         )
         return exposed.reshape(images.shape)
 
-    def apply_to_bboxes(self, bboxes: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
+    def apply_to_bboxes(
+        self, bboxes: Array, drawn: dict[str, Any], ranges: ExposureSource, **params: Any
+    ) -> Array:
         """The boxes (N, 4 and more) in shares of the image's sides, at mid-exposure, grown if asked for."""
         grow = self.flags["grow_boxes"]
         if not (grow or self._moves_labels) or not len(bboxes):
@@ -169,7 +171,7 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
         return out
 
     def apply_to_keypoints(
-        self, keypoints: Array, drawn: dict[str, Any], ranges: Draws, **params: Any
+        self, keypoints: Array, drawn: dict[str, Any], ranges: ExposureSource, **params: Any
     ) -> Array:
         """The keypoints (N, 2 and more) at mid-exposure."""
         out = keypoints.copy()
@@ -179,12 +181,16 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
             out[:, :2] = moved[0].numpy()
         return out
 
-    def apply_to_mask(self, mask: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
+    def apply_to_mask(
+        self, mask: Array, drawn: dict[str, Any], ranges: ExposureSource, **params: Any
+    ) -> Array:
         """The mask (H, W) or (H, W, C) at mid-exposure."""
         moved: Array = self.apply_to_masks(mask[None], drawn, ranges)[0]
         return moved
 
-    def apply_to_masks(self, masks: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
+    def apply_to_masks(
+        self, masks: Array, drawn: dict[str, Any], ranges: ExposureSource, **params: Any
+    ) -> Array:
         """The masks (N, H, W) or (N, H, W, C) at mid-exposure."""
         masks = np.asarray(masks)
         if not self._moves_labels or not len(masks):
@@ -200,7 +206,7 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
     apply_to_mask3d = apply_to_masks
 
 
-def _of_targets(drawn: dict[str, Any], ranges: Draws) -> list[Exposure]:
+def _of_targets(drawn: dict[str, Any], ranges: ExposureSource) -> list[Exposure]:
     """The exposure of the targets, as a list of one."""
     return of_targets(ranges.exposures(drawn), drawn.get("masks"))
 
@@ -233,5 +239,5 @@ def _record(kind: type, given: Any) -> Any:
 
 
 def _table(saved: Mapping[str, Any]) -> ExposureTable:
-    rows = tuple(Condition(*row) for row in saved["rows"])
+    rows = tuple(ConditionRow(*row) for row in saved["rows"])
     return ExposureTable(**{**_opened(saved), "rows": rows})

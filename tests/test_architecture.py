@@ -171,6 +171,28 @@ def prints(source):
     )
 
 
+NAMED_TWICE: dict[str, set[str]] = {
+    "RandomExposure": {
+        "blurnoise.albumentations",
+        "blurnoise.training.augmentation",
+    },  # a door for another library
+}
+"""Names that stand for several classes all the same, and where."""
+
+
+def test_no_name_stands_for_two_classes():
+    """In all packages, private ones included: who reads a name knows what it is."""
+    homes: dict[str, set[str]] = {}
+    for module, path in SOURCES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                homes.setdefault(node.name.lstrip("_"), set()).add(module)
+    twice = {name: modules for name, modules in homes.items() if len(modules) > 1}
+    assert not {
+        name: modules for name, modules in twice.items() if not modules <= NAMED_TWICE.get(name, set())
+    }
+
+
 def test_no_file_is_too_long():
     lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in SOURCES.items()}
     assert not {name: length for name, length in lengths.items() if length > LONGEST_LINES}

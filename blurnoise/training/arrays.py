@@ -50,8 +50,8 @@ def expose_numpy(
     return _to_array(_flipped(exposed, channels), image)
 
 
-class Labels(NamedTuple):
-    """Labels of pictures; None for those that were not given."""
+class PictureLabels(NamedTuple):
+    """PictureLabels of pictures; None for those that were not given."""
 
     boxes: Array | None = None
     keypoints: Array | None = None
@@ -67,7 +67,7 @@ def labels_numpy(
     label_masks: Array | None = None,
     masks: Array | Tensor | None = None,
     grow_boxes: bool = False,
-) -> Labels:
+) -> PictureLabels:
     """The labels of :func:`expose_numpy`'s pictures at mid-exposure, under the same exposure.
 
     shape: of the pictures, (H, W), (H, W, C) or (B, H, W, C). boxes: (N, 4), x0, y0, x1, y1 in px from the corner of
@@ -111,7 +111,7 @@ def labels_numpy(
         array: Array = (moved if axes else moved[0]).numpy()
         return array
 
-    labels = Labels()
+    labels = PictureLabels()
     if boxes is not None:
         moved = boxes_after(with_batch("boxes", boxes, 4), exposures, size, grow=grow_boxes)
         labels = labels._replace(boxes=as_given(moved))

@@ -38,8 +38,8 @@ from blurnoise.training.labels import (
 from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import (
     Cameras,
-    Draws,
     ExposureRanges,
+    ExposureSource,
     Params,
     Range,
 )
@@ -55,7 +55,7 @@ class OverConditions:
     ranges: ranges or a table. flags: encoding, fidelity and grow_boxes.
     """
 
-    ranges: Draws
+    ranges: ExposureSource
     flags: dict[str, Any]
 
     def set_conditions(

@@ -51,7 +51,7 @@ _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "s
 """Ranges, and the one of these that each replaces."""
 
 
-class Draws(ABC):
+class ExposureSource(ABC):
     """A source of exposures for training pictures: :class:`ExposureRanges`, or a table of conditions.
 
     gain_db: of pictures for which none is drawn. vehicle: drives at the ``ego_kmh`` that are drawn. lamp_lights: what
@@ -141,7 +141,7 @@ class Draws(ABC):
 
 
 @dataclass(frozen=True)
-class ExposureRanges(Draws):
+class ExposureRanges(ExposureSource):
     """Ranges of conditions; each a number or (low, high). Defaults: those of sweeps, :mod:`blurnoise._core.usual`.
 
     camera: one or several, presets by name, equally likely. exposure_s and illuminance_lux, from 1e-9 s and 1e-6 lux
@@ -253,11 +253,11 @@ class ExposureRanges(Draws):
 
     @property
     def draws(self) -> int:
-        """As of all :class:`Draws`."""
+        """As of all :class:`ExposureSource`."""
         return len(self._drawn)
 
     def conditions(self, uniform: Tensor) -> Params:
-        """As of all :class:`Draws`."""
+        """As of all :class:`ExposureSource`."""
         drawn = {}
         for name, share in zip(self._drawn, uniform.unbind(-1), strict=True):
             if name in ("camera_index", "moves_index"):

@@ -40,7 +40,7 @@ _NOT_DRAWN = ("trajectory", "ego", "speeds", "grey_anchor", "lamps", "hdr_white"
 """Settings of a sweep that training does not have."""
 
 
-class Condition(NamedTuple):
+class ConditionRow(NamedTuple):
     """One row: the conditions of a picture. camera: its number in the table; gain_db: None where the camera sets it.
 
     most_lux_s: upper limit of exposure times light of the draws from this row, beyond which pictures saturate.
@@ -58,7 +58,7 @@ class Condition(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ExposureTable(ranges.Draws):
+class ExposureTable(ranges.ExposureSource):
     """A table of equally likely conditions, and the cameras that its rows name by number.
 
     gain_db: the auto-exposure for rows without a gain. direction_deg: range to draw the direction from; None: the
@@ -71,7 +71,7 @@ class ExposureTable(ranges.Draws):
     """
 
     camera: Cameras
-    rows: tuple[Condition, ...]
+    rows: tuple[ConditionRow, ...]
     gain_db: ranges.Gain = USUAL
     direction_deg: Range | None = None
     encoding: PictureTone = "srgb"
@@ -142,7 +142,7 @@ class ExposureTable(ranges.Draws):
         ranges.warn_of_milliseconds(*exposure_s)
         lists["gain_db"] = [None if gain == "auto" else gain for gain in gains]
         lists["camera"] = range(len(ranges.cameras_of(camera)))
-        rows = (Condition(**dict(zip(lists, each, strict=True))) for each in product(*lists.values()))
+        rows = (ConditionRow(**dict(zip(lists, each, strict=True))) for each in product(*lists.values()))
         return cls(camera, tuple(rows), auto, direction_deg)
 
     @cached_property
@@ -152,11 +152,11 @@ class ExposureTable(ranges.Draws):
 
     @property
     def draws(self) -> int:
-        """As of all :class:`Draws`."""
+        """As of all :class:`ExposureSource`."""
         return 1 + len(_SPREAD) + (self.direction_deg is not None)
 
     def conditions(self, uniform: Tensor) -> Params:
-        """As of all :class:`Draws`."""
+        """As of all :class:`ExposureSource`."""
         shares = iter(uniform.unbind(-1))
         row = ranges.chosen(next(shares).double(), len(self.rows)).cpu()  # double: tables may have many rows
         drawn = {
@@ -187,7 +187,7 @@ class ExposureTable(ranges.Draws):
     @cached_property
     def _columns(self) -> dict[str, Tensor]:
         """Columns of the table, (rows,) each: numbers in float64, with the bounds to draw between, and indices."""
-        of_rows = dict(zip(Condition._fields, map(np.array, zip(*self.rows, strict=True)), strict=True))
+        of_rows = dict(zip(ConditionRow._fields, map(np.array, zip(*self.rows, strict=True)), strict=True))
         numbers = {name: of_rows[name] for name in ("direction_deg", "temperature_c", "most_lux_s")}
         for name in _SPREAD:
             values, index = np.unique(of_rows[name], return_inverse=True)
@@ -216,10 +216,10 @@ class ExposureTable(ranges.Draws):
         return f"{len(self.rows)} conditions, camera=({cameras}), {', '.join(spans)}"
 
 
-def _used(conditions: Sequence[Mapping[str, Any]]) -> list[Condition]:
+def _used(conditions: Sequence[Mapping[str, Any]]) -> list[ConditionRow]:
     """The rows of a run that its camera would use; all rows if the run has neither shares nor answers."""
     tested = [(_row(row), row.get("saturated") or 0.0, bool(row.get("recommended"))) for row in conditions]
-    least: dict[Condition, float] = {}  # the least saturated share at any exposure, by the rest of the row
+    least: dict[ConditionRow, float] = {}  # the least saturated share at any exposure, by the rest of the row
     most_lux_s: dict[tuple[int, float | None], float] = {}  # the most without saturation, by camera and gain
     for row, saturated, _ in tested:
         setting, reader = row._replace(exposure_s=0.0), (row.camera, row.gain_db)
@@ -241,11 +241,11 @@ def _used(conditions: Sequence[Mapping[str, Any]]) -> list[Condition]:
     ]
 
 
-def _row(written: Mapping[str, Any]) -> Condition:
+def _row(written: Mapping[str, Any]) -> ConditionRow:
     """A condition as a run's file has it, with velocities x right and y down."""
     x, y = float(written.get("velocity_x_px_s", 0.0)), float(written.get("velocity_y_px_s", 0.0))
     gain = written.get("gain_db", 0.0)
-    return Condition(
+    return ConditionRow(
         exposure_s=float(written["exposure_s"]),
         illuminance_lux=float(written["illuminance_lux"]),
         speed_px_s=math.hypot(x, y),

@@ -5,14 +5,14 @@ import math
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.program.problem import Inputs, Problem
-from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops
+from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, half_stops
 from blurnoise_eval.run.surface import Predicted
 from made_tables import on_plane
 
 from blurnoise.camera import PRESETS
 
 PICTURES = 24
-LIMITS = Limits()
+LIMITS = ExposureLimits()
 METERING = Metering(PRESETS["imx250"], 0.2)
 SPEEDS = {0.0: 0.3, 200.0: 0.5, 800.0: 0.2}
 

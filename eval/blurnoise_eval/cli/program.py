@@ -51,7 +51,7 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
         camera, own = inputs.metering.camera, inputs.scenario
         shortest_s = camera.sensor.row_time_s or of.PREGIUS_LEAST_S
         within_s = 1 / config.fps - config.readout_ms / 1e3
-        limits = of.Limits(
+        limits = of.ExposureLimits(
             frame_rate_hz=config.fps,
             readout_s=config.readout_ms / 1e3,
             mains_hz=float(config.anti_flicker or 0),

@@ -34,7 +34,7 @@ from blurnoise_eval.run.exposing import Frame, PictureScene, frames, snr_db
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
-from blurnoise_eval.scoring.on_picture import ModelOutput, View
+from blurnoise_eval.scoring.on_picture import ModelOnPicture, ModelOutput
 
 PREVIEW_PX = 120_000
 """A picture of more pixels is shown smaller while a slider moves."""
@@ -53,7 +53,7 @@ class Subject:
     """
 
     def __init__(self, picture: Picture, run: Run | None = None) -> None:
-        self._name, self._run = picture.name, run
+        self._name, self._of_run = picture.name, run is not None
         criterion = run.criterion if run else _USUAL
         self._criterion = criterion if criterion.score == CONFIDENCE else _USUAL
         self.scene = run.scene(picture) if run else PictureScene(picture.load(), picture=picture)
@@ -61,17 +61,14 @@ class Subject:
         self.size = self.original.shape[0], self.original.shape[1]
         self.smaller = math.ceil(math.sqrt(self.size[0] * self.size[1] / PREVIEW_PX))
         """How many times smaller a preview is; 1 of a picture that needs none."""
-        self._view = cache(lambda model: View(model, picture, self.original))
+        self._view = cache(lambda model: ModelOnPicture(model, picture, self.original))
 
     def frame(self, state: State, camera: Camera) -> Frame:
         """The picture of a state: the cell that a sweep would compute for it. Raises ``ValueError``."""
         seed = state.seed
         if seed is None:
-            seed = cell_seed(self._run.plan.seed, self._name, state.repeat) if self._run else 0
-        cell = Cell(self._name, state.repeat, state.at, seed)
-        if self._run:
-            return self._run.expose(self.scene, cell, camera)
-        return next(frames(self.scene, [cell], camera))
+            seed = cell_seed(self.scene.plan.seed, self._name, state.repeat) if self._of_run else 0
+        return next(frames(self.scene, [Cell(self._name, state.repeat, state.at, seed)], camera))
 
     @cached_property
     def small(self) -> PictureScene:

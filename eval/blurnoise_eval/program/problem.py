@@ -19,7 +19,7 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.plan.axes import AUTOMATIC, FURTHER, LIGHT, axis
 from blurnoise_eval.plan.conditions import Conditions
-from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops, mean_light
+from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search_space import SearchSpace, what_breaks
 from blurnoise_eval.run.surface import CAUTION, Predicted, Trend
@@ -96,7 +96,7 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
         scenario=Scenario(lights, speeds, dict.fromkeys(planes, 1.0)),
         exposures_s=space.exposures_s,
-        recommended_s=None if choice is None else choice["exposure_s"],
+        recommended_s=None if choice is None else choice.exposure_s,
         notes=tuple(notes),
     )
 
@@ -139,7 +139,7 @@ class Problem:
 
     inputs: Inputs
     scenario: Scenario
-    limits: Limits
+    limits: ExposureLimits
 
     @property
     def _planes(self) -> list[Predicted]:

@@ -164,13 +164,13 @@ def _whole(least: float, unit: float) -> float:
 
 
 @dataclass(frozen=True)
-class Limits(AutoExposure):
+class ExposureLimits(AutoExposure):
     """The limits of a program's exposures: those of automatic exposure, of lamps and of the sensor.
 
     led: exposures of at least 1/90 s. least_exposure_s: the sensor's shortest. Raises ``ValueError`` naming the
     field, or the limits that leave no exposure.
 
-    >>> Limits(mains_hz=50.0).settled(0.025)
+    >>> ExposureLimits(mains_hz=50.0).settled(0.025)
     0.02
     """
 

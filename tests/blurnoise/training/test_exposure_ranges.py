@@ -15,7 +15,7 @@ from torch import Tensor
 from blurnoise import Camera, RandomExposure, photoelectrons
 from blurnoise.scene.metering import AutoExposure
 from blurnoise.training.ranges import ExposureRanges
-from blurnoise.training.table import FILE, Condition, ExposureTable
+from blurnoise.training.table import FILE, ConditionRow, ExposureTable
 
 LEVEL = 1e-3  # of the Kolmogorov-Smirnov tests, on fixed seeds
 TWO = ("imx250", "ar0237")
@@ -135,7 +135,7 @@ def test_every_row_is_as_likely_and_spread_to_the_middles():
 
 
 def test_a_single_condition_stays_as_it_is():
-    one = Condition(0.01, 0.0, 30.0, direction_deg=-45.0, temperature_c=60.0, gain_db=3.0, moves="targets")
+    one = ConditionRow(0.01, 0.0, 30.0, direction_deg=-45.0, temperature_c=60.0, gain_db=3.0, moves="targets")
     params = drawn(ExposureTable("imx250", (one,)), 7)
     for name in ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c", "gain_db"):
         assert torch.equal(params[name], torch.full((7,), getattr(one, name))), name

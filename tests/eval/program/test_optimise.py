@@ -5,10 +5,10 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 from blurnoise_eval.program.optimise import MOST_LOSS, STOCK, Stages, best_stages, optimise
-from blurnoise_eval.program.scenario import Limits
+from blurnoise_eval.program.scenario import ExposureLimits
 from made_planes import made_planes, made_problem
 
-LIMITS = Limits(readout_s=0.003)
+LIMITS = ExposureLimits(readout_s=0.003)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_departures_are_those_of_pictures_drawn_again():
 
 def test_a_gain_limit_that_leaves_nothing_is_named_with_the_light():
     with pytest.raises(ValueError, match=r"at 2 lux, no exposure.*30 frames/s.*gain up to 6 dB"):
-        optimise(made_problem(Limits(gain_max_db=6.0)))
+        optimise(made_problem(ExposureLimits(gain_max_db=6.0)))
 
 
 @pytest.mark.slow
@@ -76,7 +76,7 @@ def test_a_gain_limit_that_leaves_nothing_is_named_with_the_light():
 )
 def test_what_was_not_tested_is_refused_with_the_range(more, named):
     with pytest.raises(ValueError, match=named):
-        optimise(made_problem(Limits(frame_rate_hz=100.0), **more))
+        optimise(made_problem(ExposureLimits(frame_rate_hz=100.0), **more))
 
 
 def staged_ways(n_times, n_gains, most):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from blurnoise_eval.program import report
 from blurnoise_eval.program.optimise import EARLY_GAIN_DB, optimise
-from blurnoise_eval.program.scenario import Limits
+from blurnoise_eval.program.scenario import ExposureLimits
 from made_planes import METERING, made_problem
 
-LIMITS = Limits()
+LIMITS = ExposureLimits()
 TARGET = 0.18
 FAST = {0.0: 0.1, 1500.0: 0.9}
 PIXELS = np.random.default_rng(2).gamma(
@@ -116,7 +116,7 @@ def test_stages_differ_and_gain_waits_for_time(folder):
 )
 def test_daylight_is_as_bright_as_a_room(tmp_path, how):
     """With 1/100 s as the first shutter 20 000 lux were 6.3 stops too bright; in lamps' light periods are whole."""
-    limits = Limits(**how)
+    limits = ExposureLimits(**how)
     program = optimise(made_problem(limits))
     report.write(program, tmp_path, "run")
     period_s = 1 / (2 * limits.mains_hz) if limits.mains_hz else 0.0
@@ -133,7 +133,8 @@ def test_what_is_too_bright_is_named():
     """A period of 10 ms; LEDs need 11.1 ms."""
     unity = METERING.total_s(1.0)
     mains, led = (
-        report.brightest(optimise(made_problem(Limits(**how)))) for how in ({"mains_hz": 50.0}, {"led": True})
+        report.brightest(optimise(made_problem(ExposureLimits(**how))))
+        for how in ({"mains_hz": 50.0}, {"led": True})
     )
     assert (
         f"Above {100 * unity:.3g} lux 10 ms are too long: exposures are shorter, and lamps flicker" in mains

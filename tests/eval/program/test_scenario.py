@@ -6,7 +6,7 @@ from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.program.problem import inputs_of
-from blurnoise_eval.program.scenario import Limits, Metering, Scenario, mean_light
+from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, mean_light
 from blurnoise_eval.run.evaluation import evaluate
 from signs_in_memory import CAMERA, TWO, matched_detector
 
@@ -50,16 +50,16 @@ def test_what_counts(objective, tail, expected):
     ],
 )
 def test_whole_periods(rules, expected):
-    assert [round(1e3 * time, 4) for time in Limits(**rules).candidates(1e-4, 1.0)] == expected
+    assert [round(1e3 * time, 4) for time in ExposureLimits(**rules).candidates(1e-4, 1.0)] == expected
 
 
 def test_frames_leds_and_whole_lines():
-    times = Limits(frame_rate_hz=50.0, readout_s=0.004).candidates(1e-3, 1.0)
+    times = ExposureLimits(frame_rate_hz=50.0, readout_s=0.004).candidates(1e-3, 1.0)
     assert times[0] == 1e-3
     assert times[-1] == pytest.approx(0.016)
     assert np.diff(np.log2(times)).max() <= 1 / 8 + 1e-9
     line_s = 14.8e-6
-    lines = np.array(Limits(row_time_s=line_s, led=True).candidates(1e-4, 1.0)) / line_s
+    lines = np.array(ExposureLimits(row_time_s=line_s, led=True).candidates(1e-4, 1.0)) / line_s
     assert np.abs(lines - lines.round()).max() < 1e-6
     assert 1 / 90 <= lines.min() * line_s < 1 / 90 + line_s
 
@@ -79,7 +79,7 @@ def test_frames_leds_and_whole_lines():
 )
 def test_rules_that_leave_nothing_are_named(rules, named):
     with pytest.raises(ValueError, match=named):
-        Limits(**rules)
+        ExposureLimits(**rules)
 
 
 def test_time_and_gain_make_the_total():
