@@ -13,7 +13,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise.motion.ego import Vehicle
-from blurnoise.training.ranges import DRAWN
+from blurnoise.training.source import DRAWN
 from blurnoise.training.table import ExposureTable
 
 pytest.importorskip("PIL")
