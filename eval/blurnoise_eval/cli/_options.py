@@ -80,15 +80,15 @@ def region(text: str) -> Region:
 
 
 def option_of(kind: type[Settings], name: str) -> Any:
-    """The type of the option of a setting: ``Keep = option_of(PlanFile, "keep")``."""
-    entry = kind.settings()[name]
-    typed: Any = {int: int, float: float, tuple[str, ...]: list[str]}.get(entry.kind, str)
+    """The type of the option of a setting: ``Threads = option_of(PlanFile, "threads")``."""
+    setting = kind.settings()[name]
+    typed: Any = {int: int, float: float, tuple[str, ...]: list[str]}.get(setting.kind, str)
     option = Option(
-        entry.option,
-        *entry.names,
-        metavar=entry.metavar or None,
-        help=entry.about,
-        rich_help_panel=entry.panel or None,
+        setting.option,
+        *setting.names,
+        metavar=setting.metavar or None,
+        help=setting.about,
+        rich_help_panel=setting.panel or None,
         show_default=False,
     )
     return Annotated[typed | None, option]
@@ -99,32 +99,12 @@ def settings(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command options for settings of ``kind`` in place of its parameter ``config``, an instance.
 
-    names: of the settings; "*": one for each axis. file: --plan FILE has all settings, which the options override.
-    template: whether --save-plan writes such a file.
+    names: of the settings; "*": one for each axis. file: --plan FILE has all settings, which the options override;
+    "": there is no file. template: whether --save-plan writes such a file.
     """
-    axes = [name for name, each in kind.settings().items() if each.panel]
-    chosen = [each for name in names for each in (axes if name == "*" else [name])]
-
-    def save(path: Path | None) -> None:
-        from blurnoise._core.writing import write_whole
-
-        if path is not None:
-            write_whole(path, kind.document().encode())
-            say(path)
-            raise Exit
-
-    read = Option(
-        f"--{file}",
-        parser=_local,
-        metavar="FILE.yaml",
-        help="file with all settings; options override it",
-    )
-    written = Option(
-        f"--save-{file}", parser=new_file, metavar="OUT.yaml", callback=save, is_eager=True,
-        help="write a file with the default of every setting, and exit",
-    )  # fmt: skip
-    added = {name: option_of(kind, name) for name in chosen} | {"settings_file": Annotated[Path | None, read]}
-    added |= {"saved_to": Annotated[Path | None, written]} if template else {}
+    axes = [setting.name for setting in kind.settings().values() if setting.panel]
+    chosen = [setting for name in names for setting in (axes if name == "*" else [name])]
+    added = {name: option_of(kind, name) for name in chosen} | _file_options(kind, file, template)
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @wraps(command)
@@ -136,8 +116,8 @@ def settings(
 
         own = signature(command, eval_str=True)
         parameters = list(own.parameters.values())
-        place = list(own.parameters).index("config")
-        parameters[place : place + 1] = [
+        index = list(own.parameters).index("config")
+        parameters[index : index + 1] = [
             Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=of) for name, of in added.items()
         ]
         run.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
@@ -147,11 +127,33 @@ def settings(
     return decorate
 
 
+def _file_options(kind: type[Settings], file: str, template: bool) -> dict[str, Any]:
+    """The options for a file of settings, and for a template of it."""
+
+    def save(path: Path | None) -> None:
+        from blurnoise._core.writing import write_whole
+
+        if path is not None:
+            write_whole(path, kind.document().encode())
+            say(path)
+            raise Exit
+
+    about_file = "file with all settings; options override it"
+    about_template = "write a file with the default of every setting, and exit"
+    read = Option(f"--{file}", parser=_local, metavar="FILE.yaml", help=about_file)
+    written = Option(
+        f"--save-{file}",
+        parser=new_file,
+        metavar="OUT.yaml",
+        callback=save,
+        is_eager=True,
+        help=about_template,
+    )
+    options: dict[str, Any] = {"settings_file": Annotated[Path | None, read]} if file else {}
+    return options | ({"saved_to": Annotated[Path | None, written]} if file and template else {})
+
+
 Threads = option_of(PlanFile, "threads")
-Keep = option_of(PlanFile, "keep")
-Threshold = option_of(PlanFile, "threshold")
-Score = option_of(PlanFile, "score")
-Cluster = option_of(PlanFile, "cluster")
 Trust = Annotated[
     bool,
     Option(

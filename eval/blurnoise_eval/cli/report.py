@@ -8,18 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from blurnoise_eval.cli._options import (
-    Cluster,
-    Json,
-    Keep,
-    Location,
-    RunRead,
-    Score,
-    Threshold,
-    Trust,
-    new_place,
-)
+from blurnoise_eval.cli._options import Json, Location, RunRead, Trust, new_place, settings
 from blurnoise_eval.cli.console import print_opening
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
@@ -29,13 +20,11 @@ if TYPE_CHECKING:
 _MOST_LABELS = 8
 
 
+@settings(Question, *Question.settings(), file="")
 def report(
     run: RunRead,
     *,
-    keep: Keep = None,
-    threshold: Threshold = None,
-    score: Score = None,
-    cluster: Cluster = None,
+    config: Question,
     output: Annotated[
         Location | None,
         Option(
@@ -72,7 +61,6 @@ def report(
 
     Settings that no option changes are those of the sweep.
     """
-    from blurnoise_eval.plan.question import Question
     from blurnoise_eval.run.run import Run
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
@@ -81,9 +69,8 @@ def report(
             new_place(run)
         except OSError as error:
             raise OSError(error.errno, f"{error.strerror}, as in -o DIR", error.filename) from None
-    question = Question(threshold=threshold, keep=keep, score=score, cluster=cluster)
     with read_run(run) as folder, nullcontext(folder) if output is None else output_folder(output) as written:
-        done = Run.open(folder, question, trust=trust, images=images, progress=True)
+        done = Run.open(folder, config, trust=trust, images=images, progress=True)
         print_run(done, written, coco=coco, as_json=as_json)
         if coco:
             folder_text = written.with_url(written.path / "coco")
