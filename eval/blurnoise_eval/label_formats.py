@@ -140,7 +140,13 @@ def labels_at(place: Location) -> Labels:
 
 
 def format_of(place: Location) -> LabelFormat:
-    """The format of labels. Raises ``ValueError`` for those that are known but not read."""
+    """The format of labels. Raises ``ValueError`` for those that are known but not read.
+
+    >>> from pathlib import Path
+    >>> _ = Path("instances.json").write_text('{"images": []}')
+    >>> format_of(Path("instances.json")).name
+    'coco'
+    """
     labels = labels_at(place)
     if (jsons := [name for name in labels.names if name.endswith(".json")]) and not _is_known_folder(labels):
         format_of(place / jsons[0])

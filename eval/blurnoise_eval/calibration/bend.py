@@ -1,7 +1,7 @@
-"""The bend: where the variance of photo noise leaves the line of photon transfer, as it does before a well fills.
+"""The bend of photon transfer: the variance of photo noise leaves the line, as it does before a well fills.
 
-Points (signal_share, variance_factor) are the camera's ``photon_transfer``: mean signal above black as a share of
-that at which frames clip, and variance over the line's there. The first has the factor 1 and ends the straight part.
+Points (signal_share, variance_factor) are the camera's ``photon_transfer``: mean signal above black as a share of the
+signal at which frames clip, and variance relative to the line. The first has the factor 1 and ends the straight part.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from scipy.stats import f as fisher
 from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats
 from blurnoise_eval.calibration.levels import Level, columns
-from blurnoise_eval.calibration.structure import Z
-from blurnoise_eval.calibration.transfer import Transfer, normal
+from blurnoise_eval.calibration.transfer import Transfer
+from blurnoise_eval.calibration.uncertain import Uncertain, Z
 
-_CHANCE = 1e-3  # of a bend where there is none
-_LEAST = 0.02  # of the variance
-_SCATTER = 0.005  # of the variance of levels, beyond chance: lamps and real sensors do
+_CHANCE = 1e-3  # probability of a bend by chance
+_LEAST = 0.02  # smallest relative change of the variance that counts
+_SCATTER = 0.005  # relative scatter of the variances beyond chance, of lamps and real sensors
 _MOST_POINTS = 3  # beyond the straight part
 
 
 @dataclass(frozen=True)
 class Bend:
-    """shares, factors: of the points; top_dn: signal of which the shares are.
+    """shares, factors: of the points; shares are relative to the signal top_dn.
 
     straight_dn: mean of the last level on the line.
     """
@@ -37,58 +37,58 @@ class Bend:
     straight_dn: float
 
 
-class _Levels:
-    """Variance over signal of levels, by rising mean: K on the straight part."""
+class _Gains:
+    """Variance over signal of levels by rising mean, which is K on the straight part."""
 
     def __init__(self, flat: Sequence[Level], fit: Transfer, top_dn: float) -> None:
-        mean, seen, error = columns(flat, "mean_dn", "variance_dn2", "variance_error_dn2")
+        mean, variance, error = columns(flat, "mean_dn", "variance_dn2", "variance_error_dn2")
         order = np.argsort(mean)
         signal = mean[order] - fit.dark.offset
         self.mean_dn, self.shares = mean[order], signal / top_dn
-        self.gain = (seen[order] - fit.read_dn2 - 1 / 12) / signal
+        self.gain = (variance[order] - fit.read_dn2 - 1 / 12) / signal
         noise = np.hypot(error[order], fit.error(0, 1)) / signal
         self.error = np.hypot(noise, _SCATTER * self.gain)
 
-    def by(self, design: Floats) -> tuple[float, Floats, Floats]:
-        """Chi-square, values and covariance of a fit of the columns of ``design`` (N, k)."""
+    def fit(self, design: Floats) -> tuple[float, Floats, Floats]:
+        """Chi-square, values and covariance of a fit with the columns of ``design`` (N, k)."""
         scaled, gain = design / self.error[:, None], self.gain / self.error
         covariance = np.linalg.inv(scaled.T @ scaled).astype(np.float64)
         values = covariance @ (scaled.T @ gain)
         return float(((scaled @ values - gain) ** 2).sum()), values, covariance
 
     def bent(self, straight: int, beyond: int) -> tuple[Floats, Floats]:
-        """Shares of points, and the design of straight lines between them; before the first one its value holds.
+        """Shares of points, and the design of straight lines between them, constant before the first.
 
-        straight: how many levels lie there; beyond: points after the first.
+        straight: number of levels before the first point; beyond: number of points after it.
         """
         nodes = np.linspace(self.shares[straight - 1], self.shares[-1], beyond + 1)
-        return nodes, np.stack([np.interp(self.shares, nodes, each) for each in np.eye(len(nodes))], 1)
+        return nodes, np.stack([np.interp(self.shares, nodes, unit) for unit in np.eye(len(nodes))], 1)
 
 
 def bend_of(flat: Sequence[Level], fit: Transfer, top_dn: float, *, tone: bool) -> Bend | None:
-    """The bend that explains the variances of ``flat``, levels that do not clip, better than chance.
+    """The bend that explains the variances of ``flat``, levels that do not clip, significantly better than a line.
 
-    top_dn: signal at which frames clip. tone: they are explained by a power of the signal, which the bend has to
-    surpass. None where the line holds.
+    top_dn: signal at which frames clip. tone: a power of the signal explains them, too, and the bend must be better.
+    None if there is no bend.
     """
-    levels = _Levels(flat, fit, top_dn)
+    gains = _Gains(flat, fit, top_dn)
     count = len(flat)
-    plain = [levels.by(np.ones((count, 1)))[0]]
+    plain = [gains.fit(np.ones((count, 1)))[0]]
     if tone:
-        plain.append(levels.by(np.stack([np.ones(count), np.log(levels.shares)], 1))[0])
+        plain.append(gains.fit(np.stack([np.ones(count), np.log(gains.shares)], 1))[0])
     tried = []
     for straight in range(FEWEST_FLAT, count):
         for beyond in range(1, 1 + min(_MOST_POINTS, count - straight)):
-            freedom = count - beyond - 2  # K, the place of the first point, and a value of each other one
+            freedom = count - beyond - 2  # K, the share of the first point, and the value of each other one
             if freedom > 0:
-                left = levels.by(levels.bent(straight, beyond)[1])[0]
+                left = gains.fit(gains.bent(straight, beyond)[1])[0]
                 gained = (min(plain) - left) / (beyond + 1) / max(1.0, left / freedom)
                 tried.append((float(fisher.sf(gained, beyond + 1, freedom)), straight, beyond))
     chance, straight, beyond = min(tried, default=(1.0, 0, 0))
     if chance > _CHANCE:
         return None
-    nodes, design = levels.bent(straight, beyond)
-    chi_square, values, covariance = levels.by(design)
+    nodes, design = gains.bent(straight, beyond)
+    chi_square, values, covariance = gains.fit(design)
     widened = max(1.0, chi_square / (count - len(nodes)))
     factors = values[1:] / values[0]
     along = np.hstack([-factors[:, None], np.eye(beyond)]) / values[0]
@@ -96,8 +96,6 @@ def bend_of(flat: Sequence[Level], fit: Transfer, top_dn: float, *, tone: bool) 
     away = np.abs(factors - 1)
     if not (away > np.maximum(_LEAST, Z * errors)).any():
         return None
-    points = [
-        Estimate(1.0, 1.0, 1.0),
-        *(normal(*each, least=0.0) for each in zip(factors.tolist(), errors.tolist(), strict=True)),
-    ]
-    return Bend(tuple(nodes.tolist()), tuple(points), top_dn, float(levels.mean_dn[straight - 1]))
+    pairs = zip(factors.tolist(), errors.tolist(), strict=True)
+    points = [Estimate(1.0, 1.0, 1.0), *(Uncertain(*pair).interval(0.0) for pair in pairs)]
+    return Bend(tuple(nodes.tolist()), tuple(points), top_dn, float(gains.mean_dn[straight - 1]))

@@ -16,29 +16,34 @@ _HOLLOW: Any = {"ls": "", "marker": "o", "ms": 5, "mfc": "white", "mew": 1.3}
 _MODEL: Any = {"color": GREY, "lw": 1.2, "zorder": 1}
 
 
-def draw_fit(found: Measurement, name: str) -> Figure:
-    """The levels, and the linear model that was fitted to them."""
-    fit, linear = found.fit, found.linearity
+def draw_fit(measurement: Measurement, name: str) -> Figure:
+    """Draw the levels and the fitted model."""
+    fit, linear = measurement.fit, measurement.linearity
     panels = 2 if linear else 1
     figure, (transfer, *rest) = small_multiples(panels, panels, (5.4, 4.6), (0.0, 0.4))
-    used = [found.flat[place] for place in found.used]
-    out = [level for level in found.flat if level not in used]
-    shown = {"dark": found.dark, "flat": used, "flat, left out of the line": out}
+    used = [measurement.flat[index] for index in measurement.used]
+    out = [level for level in measurement.flat if level not in used]
+    shown = {"dark": measurement.dark, "flat": used, "flat, left out of the line": out}
     for (label, of_kind), colour in zip(shown.items(), ("black", *COLOURS), strict=False):
         noisy = [level for level in of_kind if level.variance_dn2 > 0]
         mean, variance = columns(noisy, "mean_dn", "variance_dn2")
         transfer.plot(mean - fit.dark.offset, variance, color=colour, label=label, **_HOLLOW)
-    gain, read = (found.estimates[each] for each in ("system_gain_dn_per_e", "read_noise_e"))
+    gain, read = (measurement.estimates[figure] for figure in ("system_gain_dn_per_e", "read_noise_e"))
     text = f"K {gain.value:.4g} DN/e⁻, read noise {read.value:.3g} e⁻"
-    signal = np.geomspace(0.1, max(1.0, *(level.mean_dn - fit.dark.offset for level in found.flat)), 200)
+    signal = np.geomspace(
+        0.1, max(1.0, *(level.mean_dn - fit.dark.offset for level in measurement.flat)), 200
+    )
     line = fit.at(signal + fit.dark.offset)
     transfer.plot(signal, line, label=text, **_MODEL)
-    if found.bend:
-        shares, factors = np.array(found.bend.shares), np.array([each.value for each in found.bend.factors])
+    if measurement.bend:
+        shares, factors = (
+            np.array(measurement.bend.shares),
+            np.array([factor.value for factor in measurement.bend.factors]),
+        )
         bent = np.linspace(shares[0], shares[-1], 100)
-        photo = fit.gain * bent * found.bend.top_dn * np.interp(bent, shares, factors)
+        photo = fit.gain * bent * measurement.bend.top_dn * np.interp(bent, shares, factors)
         transfer.plot(
-            bent * found.bend.top_dn, line[0] + photo, label="bend", color="black", ls="--", zorder=3
+            bent * measurement.bend.top_dn, line[0] + photo, label="bend", color="black", ls="--", zorder=3
         )
     transfer.set_xscale("symlog", linthresh=1.0)
     transfer.set(yscale="log", ylim=(line[0] / 3, 5 * line[-1]))
@@ -52,5 +57,5 @@ def draw_fit(found: Measurement, name: str) -> Figure:
         rest[0].plot(scale * linear.x, expected, **_MODEL)
         title = f"at most {100 * linear.error.value:.2g} % off the line"
         tidy(rest[0], title=title, x=label, y="Signal / DN")
-    figure.suptitle(f"{plain(name)}: photon transfer of {found.frames}", fontsize=11, parse_math=False)
+    figure.suptitle(f"{plain(name)}: photon transfer of {measurement.frames}", fontsize=11, parse_math=False)
     return figure

@@ -1,8 +1,8 @@
-"""Files of frames: the numbers of their planes, and what their headers say of how they were taken.
+"""Formats of frame files: the digital numbers of their planes, and their headers.
 
-PNG, TIFF (each page a frame) and PGM of one channel; NPY, (H, W) or (N, H, W); FITS, the primary array, two or three
-axes; files without a header (.raw, .bin), packed as a ``RawLayout`` says; and what LibRaw reads (DNG and cameras' raw
-files) where the package rawpy is installed. A further format is an entry of ``FORMATS``.
+PNG, TIFF (each page is a frame) and PGM with one channel; NPY, (H, W) or (N, H, W); FITS, the primary array with two
+or three axes; files without a header (.raw, .bin), in a ``RawLayout``; DNG and raw files of cameras, if the package
+rawpy (LibRaw) is installed. A new format is an entry of ``FORMATS``.
 """
 
 from __future__ import annotations
@@ -19,20 +19,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import integer, one_of
-from blurnoise_eval.calibration.headers import directories, fits, fits_taken, linearized, number
-from blurnoise_eval.calibration.headers import refuse as refuse
+from blurnoise_eval.calibration.headers import (
+    Header,
+    directories,
+    fits,
+    fits_frame,
+    linearized,
+    number,
+    refuse,
+)
 from blurnoise_eval.datasets import decode
 from blurnoise_eval.system.files import check_regular
 
 Plane = NDArray[np.uint8] | NDArray[np.uint16]
-"""Digital numbers of a frame as the converter gave them, (H, W)."""
+"""Digital numbers of a frame, (H, W)."""
 SMALLEST_PX = 32
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw")
 _JPEG = b"\xff\xd8\xff"
 
 
 class _Packing(NamedTuple):
-    """``pixels`` of ``bits`` in ``octets`` bytes. mipi: high bytes first, then the low bits; else from bit 0 on."""
+    """A group of ``pixels`` with ``bits`` each in ``octets`` bytes. mipi: high bytes first, then all low bits."""
 
     bits: int
     pixels: int
@@ -40,7 +47,7 @@ class _Packing(NamedTuple):
     mipi: bool = False
 
     def row_bytes(self, width: int) -> int:
-        """Of ``width`` pixels; MIPI's groups are whole."""
+        """Bytes of ``width`` pixels; groups of MIPI are always complete."""
         return math.ceil(width / self.pixels) * self.octets if self.mipi else math.ceil(width * self.bits / 8)
 
 
@@ -49,12 +56,12 @@ PACKINGS = {
     "mipi10": _Packing(10, 4, 5, mipi=True), "mipi12": _Packing(12, 2, 3, mipi=True),
     "mono10p": _Packing(10, 4, 5), "mono12p": _Packing(12, 2, 3),
 }  # fmt: skip
-"""By name: little-endian 8 and 16 bits, MIPI CSI-2's RAW10 and RAW12, GenICam's (PFNC) Mono10p and Mono12p."""
+"""By name: little-endian 8 and 16 bits, RAW10 and RAW12 of MIPI CSI-2, Mono10p and Mono12p of GenICam (PFNC)."""
 
 
 @dataclass(frozen=True)
 class RawLayout:
-    """Pixels of files without a header. stride: bytes of a row, those at its end that hold no pixels included."""
+    """Packing and size of frames without a header. stride: bytes from one row to the next."""
 
     packing: str
     width: int
@@ -63,14 +70,15 @@ class RawLayout:
 
     @classmethod
     def parse(cls, text: str) -> RawLayout:
-        """``PACKING,WIDTHxHEIGHT`` or ``PACKING,WIDTHxHEIGHT,STRIDE``, as in mipi10,4056x3040,5072.
+        """Read ``PACKING,WIDTHxHEIGHT`` or ``PACKING,WIDTHxHEIGHT,STRIDE``. Raises ``ValueError``.
 
-        Raises ``ValueError``.
+        >>> RawLayout.parse("mipi10,4056x3040").stride
+        5070
         """
         try:
             name, size, *stride = text.lower().split(",")
             width, height = (int(side) for side in size.split("x"))
-            (row,) = [int(each) for each in stride] or [0]
+            (row,) = [int(part) for part in stride] or [0]
         except ValueError:
             must = (
                 "must be PACKING,WIDTHxHEIGHT or PACKING,WIDTHxHEIGHT,STRIDE, such as mipi10,4056x3040,5072"
@@ -88,11 +96,11 @@ class RawLayout:
 
     @property
     def frame_bytes(self) -> int:
-        """Of a frame."""
+        """Bytes of a frame."""
         return self.stride * self.height
 
     def unpack(self, octets: NDArray[np.uint8]) -> NDArray[np.uint16]:
-        """The numbers (H, W) of a frame's bytes."""
+        """The digital numbers (H, W) of the bytes of a frame."""
         packing = PACKINGS[self.packing]
         bits, pixels, group, mipi = packing
         rows = octets.reshape(self.height, self.stride)[:, : packing.row_bytes(self.width)]
@@ -108,28 +116,23 @@ class RawLayout:
 
 
 class Format(NamedTuple):
-    """How files of a kind are read.
-
-    read: the numbers (H, W) of one page. pages: how many there are. taken: fields of ``Frame`` that the header
-    states, and ``iso`` or ``gain_setting``, ``black_dn``; words: of its kind; processed: why it is no frame of the
-    sensor; notes.
-    """
+    """Functions that read a format: the digital numbers (H, W) of a page, the number of pages, and the header."""
 
     read: Callable[[Path, RawLayout | None, int], NDArray[Any]]
     pages: Callable[[Path, RawLayout | None], int] = lambda *_: 1
-    taken: Callable[[Path], dict[str, Any]] = lambda _: {}
+    header: Callable[[Path], Header] = lambda _: Header()
 
 
 def format_of(path: Path) -> Format:
-    """By the suffix; what has no entry goes to LibRaw."""
+    """The format by the suffix; LibRaw for all others."""
     return FORMATS.get(path.suffix.lower(), _LIBRAW)
 
 
 def read_plane(path: Path, layout: RawLayout | None = None, page: int = 0) -> Plane:
-    """The numbers of one page of a file. layout: of files without a header.
+    """Read the digital numbers of one page of a file. layout: of files without a header.
 
-    Raises ``ValueError`` for a lossy format, more than one channel, numbers that are not whole or do not fit into
-    16 bits, and files that cannot be read; ``OSError`` where the file is missing.
+    Raises ``ValueError`` for a lossy format, more than one channel, numbers that are no integers of 16 bits, and
+    files that cannot be read; ``OSError`` if the file is missing.
     """
     with naming(path):
         with path.open("rb") as file:
@@ -148,7 +151,7 @@ def read_plane(path: Path, layout: RawLayout | None = None, page: int = 0) -> Pl
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Errors name the file. Raises ``ValueError`` and ``OSError`` where it is no regular file."""
+    """Name the file in errors. Raises ``ValueError`` and ``OSError`` if it is no regular file."""
     check_regular(path)
     try:
         yield
@@ -165,29 +168,29 @@ def _picture(path: Path, _: RawLayout | None, page: int) -> NDArray[Any]:
 
 
 def _tiff_pages(path: Path, _: RawLayout | None) -> int:
-    """How many directories the file chains; OpenCV counts those before the first fault (TIFF 6.0, BigTIFF)."""
+    """Number of directories in the chain (TIFF 6.0, BigTIFF); OpenCV only counts those before the first fault."""
     with path.open("rb") as file:
         head = file.read(16)
         order: Literal["little", "big"] = "little" if head[:2] == b"II" else "big"
         big = int.from_bytes(head[2:4], order) == 43
         count_bytes, entry, link = (8, 20, 8) if big else (2, 12, 4)
-        place = int.from_bytes(head[link : 2 * link], order)
+        offset = int.from_bytes(head[link : 2 * link], order)
         pages: list[int] = []
-        while place and place not in pages:
-            file.seek(place)
+        while offset and offset not in pages:
+            file.seek(offset)
             entries = int.from_bytes(file.read(count_bytes), order)
-            file.seek(place + count_bytes + entry * entries)
-            found = file.read(link)
-            refuse(len(found) < link, f"is incomplete; page {len(pages) + 1} cannot be read")
-            pages.append(place)
-            place = int.from_bytes(found, order)
+            file.seek(offset + count_bytes + entry * entries)
+            following = file.read(link)
+            refuse(len(following) < link, f"is incomplete; page {len(pages) + 1} cannot be read")
+            pages.append(offset)
+            offset = int.from_bytes(following, order)
     return max(1, len(pages))
 
 
 def _array(path: Path) -> NDArray[Any]:
     try:
         values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-    except Exception as error:  # NumPy evaluates the header as Python, which raises all sorts
+    except Exception as error:  # NumPy evaluates the header as Python, which raises many types
         raise ValueError(f"is not an NPY file: {' '.join(str(error).split())[:200]}") from None
     refuse(not isinstance(values, np.ndarray), "is not an NPY file: it is an archive of arrays (NPZ)")
     refuse(values.ndim not in (2, 3), f"shape = {values.shape}: must be (H, W), or (N, H, W) for N frames")
@@ -206,10 +209,12 @@ def _bytes(path: Path, layout: RawLayout | None) -> NDArray[np.uint8]:
     if layout is None:
         names = ", ".join(PACKINGS)
         raise ValueError(f"has no header; set --raw-layout PACKING,WIDTHxHEIGHT (packing: {names})")
-    held, of = path.stat().st_size, layout.frame_bytes
+    size, of_frame = path.stat().st_size, layout.frame_bytes
     rows = f"{layout.height} rows of {layout.stride} bytes"
-    refuse(not held or held % of, f"has {held} bytes; must have {of}, {rows}, or a multiple of it")
-    return np.memmap(path, np.uint8, "r").reshape(-1, of)
+    refuse(
+        not size or size % of_frame, f"has {size} bytes; must have {of_frame}, {rows}, or a multiple of it"
+    )
+    return np.memmap(path, np.uint8, "r").reshape(-1, of_frame)
 
 
 def _headerless(path: Path, layout: RawLayout | None, page: int) -> NDArray[Any]:
@@ -241,30 +246,33 @@ def _raw(path: Path, *_: object) -> NDArray[Any]:
         return np.array(raw.raw_image_visible, np.uint16)
 
 
-def _raw_taken(path: Path) -> dict[str, Any]:
+def _raw_header(path: Path) -> Header:
+    header = Header()
     with _opened(path) as raw:
-        found: dict[str, Any] = {"iso": raw.other.iso_speed} if raw.other.iso_speed > 0 else {}
+        if raw.other.iso_speed > 0:
+            header.iso = raw.other.iso_speed
         if any(blacks := raw.black_level_per_channel):
-            found["black_dn"] = float(np.mean(blacks))
+            header.black_dn = float(np.mean(blacks))
         if raw.other.shutter_speed > 0:
-            found["exposure_s"] = float(f"{raw.other.shutter_speed:.6g}")
+            header.exposure_s = float(f"{raw.other.shutter_speed:.6g}")
         if raw.raw_pattern is not None and raw.raw_pattern.shape == (2, 2):
-            places = raw.raw_colors_visible[:2, :2].ravel()
-            found["cfa"] = "".join(chr(raw.color_desc[place]) for place in places)
+            header.cfa = "".join(
+                chr(raw.color_desc[colour]) for colour in raw.raw_colors_visible[:2, :2].ravel()
+            )
     if path.suffix.lower() == ".dng":
-        with suppress(ValueError):  # of what LibRaw can read all the same
-            stretched = "; ".join(filter(None, map(linearized, directories(path))))
-            found["notes"] = [f"{stretched}: noise near black is of those steps"] if stretched else []
-    return found
+        with suppress(ValueError):  # Pillow cannot read all files that LibRaw can
+            if stretched := "; ".join(filter(None, map(linearized, directories(path)))):
+                header.notes.append(f"{stretched}: noise near black is of those steps")
+    return header
 
 
-_LIBRAW = Format(_raw, taken=_raw_taken)
+_LIBRAW = Format(_raw, header=_raw_header)
 FORMATS: Mapping[str, Format] = {
     **dict.fromkeys((".png", ".pgm"), Format(_picture)),
     **dict.fromkeys((".tif", ".tiff"), Format(_picture, _tiff_pages)),
     **dict.fromkeys((".raw", ".bin"), Format(_headerless, lambda path, layout: len(_bytes(path, layout)))),
-    **dict.fromkeys((".fit", ".fits", ".fts"), Format(_fits_plane, lambda path, _: len(fits(path)[0]), fits_taken)),
+    **dict.fromkeys((".fit", ".fits", ".fts"), Format(_fits_plane, lambda path, _: len(fits(path)[0]), fits_frame)),
     ".npy": Format(lambda path, _, page: _whole(_array(path)[page]), lambda path, _: len(_array(path))),
     **dict.fromkeys(RAW_SUFFIXES, _LIBRAW),
 }  # fmt: skip
-"""By suffix."""
+"""Formats by suffix."""

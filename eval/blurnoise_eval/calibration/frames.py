@@ -1,4 +1,4 @@
-"""Frames of a folder as levels: those of one gain, exposure and light; of a mosaic the green pixels."""
+"""The frames of a folder as levels: frames of one gain, exposure and light; of a mosaic, the green pixels."""
 
 from __future__ import annotations
 
@@ -13,36 +13,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import one_of
-from blurnoise_eval.calibration.counts import Numbers, check_wrapped, scale_of, together
+from blurnoise_eval.calibration.counts import FrameNumbers, check_wrapped, common_scale, scale_of
 from blurnoise_eval.calibration.formats import Plane as Plane
 from blurnoise_eval.calibration.formats import RawLayout, read_plane
-from blurnoise_eval.calibration.formats import refuse as refuse
-from blurnoise_eval.calibration.listing import BayerPattern, list_frames
-from blurnoise_eval.calibration.listing import Frame as Frame
-from blurnoise_eval.calibration.listing import Kind as Kind
+from blurnoise_eval.calibration.headers import refuse
+from blurnoise_eval.calibration.listing import BayerPattern, FrameFile, Kind, list_frames
 
 Floats = NDArray[np.float64]
 Size = tuple[int, int]
 FEWEST_FLAT = 3
-_UNLIKE = 0.05  # by which the places of a mosaic differ, of their mean
-_SETTLED_C = 1.0  # over which dark current changes by some 10 %
-_ALIKE = 0.02  # by which its two green ones do
-_DOUBTFUL = 0.1  # by which they do not
-_EVEN = 0.99  # of the pixels
+_UNLIKE = 0.05  # relative difference of the sites of a mosaic
+_ALIKE = 0.02  # relative difference of its green sites
+_DOUBTFUL = 0.1  # relative difference of green sites that makes the pattern doubtful
+_SETTLED_C = 1.0  # change of temperature that changes dark current by some 10 %
+_EVEN = 0.99  # share of the pixels with one number, above which two frames may be equal by chance
 
 
 class Folder:
-    """Dark and flat levels of a folder: the frames of one gain, exposure and light, by rising gain and exposure.
+    """Dark and flat levels of a folder: frames of one gain, exposure and light, by rising gain and exposure.
 
-    layout: of files without a header. cfa: the mosaic, "none" for a sensor without one; None takes it from the files,
-    or from how the 2 x 2 places differ in light. Of a mosaic ``planes`` are the green pixels (the clear ones of RCCB
-    and RCCC) of every other row: one colour plane, as EMVA 1288 measures them.
+    layout: of files without a header. cfa: the mosaic, "none" for a sensor without one; by default from the files, or
+    from the light of the four sites. ``planes`` of a mosaic are its green pixels (the clear ones of RCCB and RCCC) of
+    every other row: one colour plane, as EMVA 1288 measures it.
 
-    Raises ``ValueError`` unless there are dark levels and three flat ones, of two frames each, and for frames of
-    several sizes, depths or scales. scale: of the numbers in the files; planes are the converter's counts. size_px:
-    (width, height) of whole frames. place: row and column of the plane in the mosaic, None where there is none.
-    bit_depth: as the folder's list states it, or the scale; black_dn: as the files do. notes: what else to know;
-    doubts: of the mosaic.
+    Raises ``ValueError`` unless there are dark levels and three flat ones, with two frames each, and for frames of
+    different sizes, depths or scales. scale: of the numbers in the files; planes have the counts of the converter.
+    size_px: (width, height) of whole frames. site: row and column of the plane in the mosaic, None without one.
+    bit_depth: by the list of frames or the scale; black_dn: by the files. notes: assumptions; doubts: of the mosaic.
     """
 
     def __init__(self, folder: Path, layout: RawLayout | None = None, cfa: str | None = None) -> None:
@@ -50,95 +47,96 @@ class Folder:
             one_of("cfa", cfa, get_args(BayerPattern))
         self._layout = layout
         listing = list_frames(folder, layout)
-        self.notes, self.bit_depth, self.black_dn = [*listing.notes], listing.bit_depth, listing.black_dn
-        ordered = sorted(listing.frames, key=lambda frame: frame.level)
-        every = [list(frames) for _, frames in groupby(ordered, lambda frame: frame.level)]
-        levels = [frames for frames in every if len(frames) > 1]
-        alone = [frames[0].file.name for frames in every if len(frames) == 1]
-        if alone:
-            self.notes.append(
-                f"left out: {len(alone)} frames that are single at their exposure, such as {alone[0]}; two are needed"
-            )
-        self.dark = [frames for frames in levels if frames[0].kind == "dark"]
-        self.flat = [frames for frames in levels if frames[0].kind == "flat"]
-        left = "".join(f"; {note}" for note in listing.left_out)
+        self.notes, self.black_dn = [*listing.notes], listing.black_dn
+        frames = sorted(listing.frames, key=lambda frame: frame.level)
+        levels = self._group(frames, "".join(f"; {note}" for note in listing.left_out))
+        light = self._read(levels)
+        self.bit_depth = listing.bit_depth or self.scale.bits or None
+        by_files = {frame.cfa for frame in frames} - {None}
+        several = f"frames: have several colour filter arrays, {sorted(map(str, by_files))}; set --cfa"
+        refuse(not cfa and len(by_files) > 1, several)
+        self.doubts: list[str] = []
+        self.cfa: str | None = cfa or next(iter(by_files), None) or _detected(light)
+        self.site: tuple[int, int] | None = None
+        if self.cfa not in (None, "none"):
+            self._use_site(str(self.cfa), light, "" if cfa or by_files else "detected: ")
+
+    def _group(self, frames: Sequence[FrameFile], left_out: str) -> list[list[FrameFile]]:
+        """Group the frames in levels. Raises ``ValueError`` for too few; left_out: the end of its text."""
+        every = [list(level) for _, level in groupby(frames, lambda frame: frame.level)]
+        levels = [level for level in every if len(level) > 1]
+        if single := [level[0].file.name for level in every if len(level) == 1]:
+            two = f"single at their exposure, such as {single[0]}; two are needed"
+            self.notes.append(f"left out: {len(single)} frames that are {two}")
+        self.dark = [level for level in levels if level[0].kind == "dark"]
+        self.flat = [level for level in levels if level[0].kind == "flat"]
         missing = "frames: dark frames are missing; take two or more at one exposure, with the lens covered"
-        refuse(not self.dark, missing + left)
+        refuse(not self.dark, missing + left_out)
         few = f"frames: {len(self.flat)} flat exposures with two frames or more; must be 3 or more, better 8"
-        refuse(len(self.flat) < FEWEST_FLAT, few + left)
-        for gain_db in sorted({frames[0].gain_db for frames in levels} - {*self.gains_db}):
-            self.notes.append(
-                f"left out: the frames at {gain_db:g} dB; dark levels and {FEWEST_FLAT} flat levels are needed"
-            )
-        none = f"frames: no gain_db has dark levels and {FEWEST_FLAT} flat levels"
-        refuse(not self.gains_db, none)
-        celsius = [frame.temperature_c for frame in ordered if frame.temperature_c is not None] or [0.0]
+        refuse(len(self.flat) < FEWEST_FLAT, few + left_out)
+        needed = f"dark levels and {FEWEST_FLAT} flat levels"
+        for gain_db in sorted({level[0].gain_db for level in levels} - {*self.gains_db}):
+            self.notes.append(f"left out: the frames at {gain_db:g} dB; {needed} are needed")
+        refuse(not self.gains_db, f"frames: no gain_db has {needed}")
+        celsius = [frame.temperature_c for frame in frames if frame.temperature_c is not None] or [0.0]
         if max(celsius) - min(celsius) > _SETTLED_C:
-            warmed = f"the temperature of the sensor varies from {min(celsius):g} to {max(celsius):g} °C"
-            self.notes.append(f"{warmed}; the dark current is a mean over it")
-        before = ""
-        held: dict[float, list[Numbers]] = {}
-        pictures: dict[int, Frame] = {}
-        places: dict[Kind, list[Floats]] = {"dark": [], "flat": []}
-        for frame in (frame for frames in levels for frame in frames):
-            plane = read_plane(frame.file, layout, frame.page)
-            held.setdefault(frame.gain_db, []).append(Numbers.by(str(frame.file), plane))
+            varies = f"the temperature of the sensor varies from {min(celsius):g} to {max(celsius):g} °C"
+            self.notes.append(f"{varies}; the dark current is a mean over it")
+        return levels
+
+    def _read(self, levels: Sequence[Sequence[FrameFile]]) -> Floats:
+        """Read all frames once: check them, set scale and size, and return the light of the four sites (4,)."""
+        first_size = ""
+        numbers: dict[float, list[FrameNumbers]] = {}
+        pictures: dict[int, FrameFile] = {}
+        sites: dict[Kind, list[Floats]] = {"dark": [], "flat": []}
+        for frame in (frame for level in levels for frame in level):
+            plane = read_plane(frame.file, self._layout, frame.page)
+            numbers.setdefault(frame.gain_db, []).append(FrameNumbers.of(str(frame.file), plane))
             _check_new(plane, frame, pictures)
             if frame.kind == "dark":
                 check_wrapped(str(frame.file), plane)
             height, width = plane.shape
-            here = f"{width} x {height} px, {8 * plane.itemsize} bits"
-            before = before or here
-            mixed = f"{frame.file}: frames differ in size or depth: {here}, but {before} before"
-            refuse(here != before, mixed)
+            size = f"{width} x {height} px, {8 * plane.itemsize} bits"
+            first_size = first_size or size
+            mixed = f"{frame.file}: frames differ in size or depth: {size}, but {first_size} before"
+            refuse(size != first_size, mixed)
             means = [plane[row::2, column::2].mean() for row in (0, 1) for column in (0, 1)]
-            places[frame.kind].append(np.array(means))
-        self.size_px, self.scale = (width, height), together(map(scale_of, held.values()))
-        self.bit_depth = self.bit_depth or self.scale.bits or None
-        stated = {frame.cfa for frame in ordered} - {None}
-        refuse(
-            not cfa and len(stated) > 1,
-            f"frames: have several colour filter arrays, {sorted(map(str, stated))}; set --cfa",
-        )
-        # of the frame that shows it best: neither dim nor clipped
-        light = max(places["flat"], key=np.ptp) - np.mean(places["dark"])
-        self.doubts: list[str] = []
-        self.cfa: str | None = cfa or next(iter(stated), None) or _noticed(light)
-        self.place: tuple[int, int] | None = None
-        if self.cfa not in (None, "none"):
-            self._take_apart(str(self.cfa), light, "" if cfa or stated else "detected: ")
+            sites[frame.kind].append(np.array(means))
+        self.size_px, self.scale = (width, height), common_scale(map(scale_of, numbers.values()))
+        # the flat frame with the largest differences is neither dim nor clipped
+        return np.asarray(max(sites["flat"], key=np.ptp) - np.mean(sites["dark"]))
 
-    def _take_apart(self, cfa: str, light: Floats, how: str) -> None:
-        """light (4,): mean signal of the four places."""
+    def _use_site(self, cfa: str, light: Floats, how: str) -> None:
+        """Measure the green pixels of one row of the mosaic. light (4,): mean signal of the four sites."""
         used = cfa.index("G" if "G" in cfa else "C")
-        self.place = divmod(used, 2)
+        self.site = divmod(used, 2)
         others = ", ".join(
-            f"{letter} {light[place] / light[used]:.2f}" for place, letter in enumerate(cfa) if place != used
+            f"{letter} {light[site] / light[used]:.2f}" for site, letter in enumerate(cfa) if site != used
         )
         name = {"G": "green", "C": "clear"}[cfa[used]]
-        where = f"those in row {self.place[0] + 1}, column {self.place[1] + 1} of each 2 x 2"
+        where = f"those in row {self.site[0] + 1}, column {self.site[1] + 1} of each 2 x 2"
         figures = f"{how}colour filters {cfa}: values are for the {name} pixels, {where}"
         self.notes.append(f"{figures}; relative signal of the others: {others}")
-        pair = [place for place, letter in enumerate(cfa) if letter == cfa[used]]
-        if len(pair) > 2 or _apart(light[pair]) < _DOUBTFUL:
+        pair = [site for site, letter in enumerate(cfa) if letter == cfa[used]]
+        if len(pair) > 2 or _difference(light[pair]) < _DOUBTFUL:
             return
-        rest = [place for place in range(4) if place not in pair]
-        turned = {"".join(row[::-1] for row in (cfa[:2], cfa[2:])), cfa[2:] + cfa[:2]}
-        likely = f"; {' or '.join(sorted(turned))} is likely" if _apart(light[rest]) < _ALIKE else ""
-        differ = f"the two {name} ones of {cfa} differ by {_apart(light[pair]):.0%}"
-        self.doubts.append(
-            f"colour filters: {differ}, the other two by {_apart(light[rest]):.0%}{likely}; set --cfa"
-        )
+        rest = [site for site in range(4) if site not in pair]
+        mirrored = {"".join(row[::-1] for row in (cfa[:2], cfa[2:])), cfa[2:] + cfa[:2]}
+        likely = f"; {' or '.join(sorted(mirrored))} is likely" if _difference(light[rest]) < _ALIKE else ""
+        differ = f"the two {name} ones of {cfa} differ by {_difference(light[pair]):.0%}"
+        of_rest = f"the other two by {_difference(light[rest]):.0%}"
+        self.doubts.append(f"colour filters: {differ}, {of_rest}{likely}; set --cfa")
 
     @property
     def gains_db(self) -> list[float]:
-        """Gains with dark levels and ``FEWEST_FLAT`` flat ones, rising."""
+        """Gains with dark levels and ``FEWEST_FLAT`` flat ones, in rising order."""
         flat = Counter(frames[0].gain_db for frames in self.flat)
         dark = {frames[0].gain_db for frames in self.dark}
         return sorted(gain for gain, count in flat.items() if gain in dark and count >= FEWEST_FLAT)
 
     def at_gain(self, gain_db: float) -> Folder:
-        """The levels of one gain."""
+        """The folder with the levels of one gain only."""
         one = copy(self)
         one.dark, one.flat = (
             [frames for frames in levels if frames[0].gain_db == gain_db] for levels in (self.dark, self.flat)
@@ -146,22 +144,22 @@ class Folder:
         return one
 
     def whole(self) -> Folder:
-        """The same, whose planes are whole frames also of a mosaic."""
+        """The folder with planes that are whole frames, also of a mosaic."""
         one = copy(self)
-        one.place = None
+        one.site = None
         return one
 
-    def planes(self, frames: Sequence[Frame]) -> Iterator[Plane]:
-        """The frames' numbers in steps of the converter, one after the other."""
+    def planes(self, frames: Sequence[FrameFile]) -> Iterator[Plane]:
+        """Read the frames in steps of the converter, one after the other."""
         for frame in frames:
             plane = self.scale.counts(read_plane(frame.file, self._layout, frame.page))
-            yield plane if self.place is None else plane[self.place[0] :: 2, self.place[1] :: 2]
+            yield plane if self.site is None else plane[self.site[0] :: 2, self.site[1] :: 2]
 
 
-def _check_new(plane: Plane, frame: Frame, before: dict[int, Frame]) -> None:
-    """Raise ``ValueError`` where the picture is one of those before, by hash, to which it is added.
+def _check_new(plane: Plane, frame: FrameFile, before: dict[int, FrameFile]) -> None:
+    """Raise ``ValueError`` if the picture is equal to one of those before, by hash; else add it to them.
 
-    Frames that clip, or without noise, may be the same: nearly all of their pixels hold one number.
+    Frames that clip, or without noise, may be equal: nearly all of their pixels have one number.
     """
     first = before.setdefault(hash(plane.tobytes()), frame)
     if first is frame or np.bincount(plane.ravel()).max() > _EVEN * plane.size:
@@ -170,13 +168,13 @@ def _check_new(plane: Plane, frame: Frame, before: dict[int, Frame]) -> None:
     raise ValueError(f"{frame.file}: {same}; each frame must be a new exposure")
 
 
-def _apart(light: Floats) -> float:
-    """Of two signals, of their mean."""
+def _difference(light: Floats) -> float:
+    """Relative difference of two signals."""
     return float(np.ptp(light) / light.mean())
 
 
-def _noticed(light: Floats) -> str | None:
-    """The mosaic by the signal of its places (4,): two on a diagonal, alike, are green; X: red or blue."""
+def _detected(light: Floats) -> str | None:
+    """The mosaic by the signal of its sites (4,): two on a diagonal, alike, are green; X: red or blue."""
     if np.ptp(light) < _UNLIKE * light.mean():
         return None
     diagonals = {"GXXG": light[[0, 3]], "XGGX": light[[1, 2]]}

@@ -1,7 +1,7 @@
-"""Headers: keywords of FITS files, tags of TIFF and DNG files, and what they say of how a frame was taken.
+"""Headers: keywords of FITS files, tags of TIFF and DNG files, and how the frame was taken.
 
 FITS standard 4.0, sections 3 and 4; XBAYROFF, YBAYROFF and ROWORDER as Siril and ASTAP read them: the letters of
-BAYERPAT begin at the picture's top left, moved by the offsets, and a file that is BOTTOM-UP begins with the last row.
+BAYERPAT begin at the top left of the picture, moved by the offsets; a BOTTOM-UP file begins with the last row.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 import re
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +31,36 @@ _BAYER = ("RGGB", "GRBG", "GBRG", "BGGR")
 
 
 def refuse(applies: object, text: str) -> None:
-    """Raise ``ValueError`` of this text where it applies."""
+    """Raise ``ValueError`` with this text if it applies."""
     if applies:
         raise ValueError(text)
 
 
+@dataclass
+class Header:
+    """How a frame was taken, by the header of its file; None where it does not say.
+
+    words: the kind in the words of the header. processed: the keyword that shows that this is no raw frame.
+    """
+
+    exposure_s: float | str | None = None
+    temperature_c: float | str | None = None
+    cfa: str | None = None
+    iso: float | None = None
+    gain_setting: float | None = None
+    black_dn: float | None = None
+    words: str = ""
+    processed: str = ""
+    notes: list[str] = field(default_factory=list)
+
+    def fields(self) -> dict[str, Any]:
+        """The fields of ``FrameFile`` that the header has."""
+        values = {name: getattr(self, name) for name in ("exposure_s", "temperature_c", "cfa")}
+        return {name: value for name, value in values.items() if value is not None}
+
+
 def fits_header(path: Path) -> tuple[dict[str, Any], int]:
-    """Keywords of the primary header, and where the array begins. Exposures are in seconds, by their comment."""
+    """Keywords of the primary header, and the offset of the array. Exposures in seconds, by their comment."""
     header: dict[str, Any] = {}
     with path.open("rb") as file:
         while len(block := file.read(_BLOCK).decode("ascii", "replace")) == _BLOCK:
@@ -65,7 +89,7 @@ def _value(text: str) -> float | str:
 
 
 def number(header: Mapping[str, Any], key: str, default: float) -> float:
-    """Of a header. Raises ``ValueError`` for what is no number."""
+    """A number of a header. Raises ``ValueError`` for other values."""
     value = header.get(key, default)
     refuse(
         not (isinstance(value, float | int) and math.isfinite(value)), f"{key} = {value!r}: must be a number"
@@ -90,46 +114,48 @@ def fits(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
     kind = _NUMBERS.get(bits, "")
     refuse(not kind, f"BITPIX = {bits}: must be one of {', '.join(map(str, _NUMBERS))}")
     needed = start + np.dtype(kind).itemsize * math.prod(axes)
-    held = path.stat().st_size
-    refuse(held < needed, f"has {held} bytes; must have {needed} according to its header")
+    size = path.stat().st_size
+    refuse(size < needed, f"has {size} bytes; must have {needed} according to its header")
     values: NDArray[Any] = np.memmap(path, kind, "r", start, tuple(axes))
     return values.reshape(-1, *axes[-2:]), header
 
 
-def fits_taken(path: Path) -> dict[str, Any]:
-    """What the header says of the frame, as ``Format.taken``."""
-    values, header = fits(path)
-    number(header, "GAIN", 0.0)
-    names = {
-        "exposure_s": ("EXPTIME", "EXPOSURE"), "gain_setting": ("GAIN",), "temperature_c": ("CCD-TEMP", "TEMPERAT"),
-    }  # fmt: skip
-    found = {field: header[key] for field, keys in names.items() for key in keys[::-1] if key in header}
-    notes = []
-    both = [header[key] for key in names["exposure_s"] if isinstance(header.get(key), float)]
+def fits_frame(path: Path) -> Header:
+    """How the frame of a FITS file was taken."""
+    values, keywords = fits(path)
+    number(keywords, "GAIN", 0.0)  # refuses other values
+    header = Header(
+        exposure_s=keywords.get("EXPTIME", keywords.get("EXPOSURE")),
+        temperature_c=keywords.get("CCD-TEMP", keywords.get("TEMPERAT")),
+        gain_setting=keywords.get("GAIN"),
+    )
+    both = [keywords[key] for key in ("EXPTIME", "EXPOSURE") if isinstance(keywords.get(key), float)]
     if len(both) == 2 and not math.isclose(*both, rel_tol=0.01):
-        notes.append("EXPTIME = {:g} but EXPOSURE = {:g}; EXPTIME is used".format(*both))
-    words = [str(header[key]) for key in _KIND_KEYS if str(header.get(key, "")).strip()]
-    if words and (len(words) > 1 or "FRAME" not in header or any(kind_of(words[0]))):  # else of coordinates
-        found["words"] = next((text for text in words if any(kind_of(text))), words[0])
-    averaged = [key for key in _AVERAGES if isinstance(count := header.get(key), float) and count > 1]
-    averaged += ["CALSTAT"] if header.get("CALSTAT") else []
-    if averaged:
-        found["processed"] = f"{averaged[0]} = {header[averaged[0]]}"
-    stated = str(header.get("BAYERPAT") or header.get("COLORTYP") or "").upper()
-    if stated in _BAYER:
-        found["cfa"] = _letters(stated, header, values.shape[1])
-        if found["cfa"] != stated:
-            by = ", ".join(
-                key for key in ("XBAYROFF", "YBAYROFF", "BAYOFFX", "BAYOFFY", "ROWORDER") if key in header
+        header.notes.append("EXPTIME = {:g} but EXPOSURE = {:g}; EXPTIME is used".format(*both))
+    words = [str(keywords[key]) for key in _KIND_KEYS if str(keywords.get(key, "")).strip()]
+    # FRAME alone may be the frame of celestial coordinates
+    if words and (len(words) > 1 or "FRAME" not in keywords or any(kind_of(words[0]))):
+        header.words = next((text for text in words if any(kind_of(text))), words[0])
+    averages = [key for key in _AVERAGES if isinstance(count := keywords.get(key), float) and count > 1]
+    averages += ["CALSTAT"] if keywords.get("CALSTAT") else []
+    if averages:
+        header.processed = f"{averages[0]} = {keywords[averages[0]]}"
+    pattern = str(keywords.get("BAYERPAT") or keywords.get("COLORTYP") or "").upper()
+    if pattern in _BAYER:
+        header.cfa = _letters(pattern, keywords, values.shape[1])
+        if header.cfa != pattern:
+            moved_by = ("XBAYROFF", "YBAYROFF", "BAYOFFX", "BAYOFFY", "ROWORDER")
+            by = ", ".join(key for key in moved_by if key in keywords)
+            header.notes.append(
+                f"{pattern} in the header is {header.cfa} from the file's first row on, by {by}"
             )
-            notes.append(f"{stated} in the header is {found['cfa']} from the file's first row on, by {by}")
-    elif stated and "BAYERPAT" in header:
-        notes.append(f"BAYERPAT = {stated!r} is not used; set --cfa")
-    return {**found, "notes": notes}
+    elif pattern and "BAYERPAT" in keywords:
+        header.notes.append(f"BAYERPAT = {pattern!r} is not used; set --cfa")
+    return header
 
 
 def _letters(pattern: str, header: Mapping[str, Any], height: int) -> str:
-    """The mosaic from the file's first pixel on."""
+    """The mosaic, beginning with the first pixel of the file."""
     across, down = (
         round(number(header, key, number(header, other, 0)))
         for key, other in (("XBAYROFF", "BAYOFFX"), ("YBAYROFF", "BAYOFFY"))
@@ -142,35 +168,35 @@ def _letters(pattern: str, header: Mapping[str, Any], height: int) -> str:
 
 
 def directories(path: Path) -> list[Tags]:
-    """All directories of a TIFF file: the chain, those below them, and EXIF's."""
+    """All directories of a TIFF file: the chain, the directories below, and EXIF."""
     found: list[Tags] = []
     with path.open("rb") as file, warnings.catch_warnings():
-        warnings.simplefilter("error")  # of entries that are cut short
+        warnings.simplefilter("error")  # Pillow warns of incomplete entries
         head = file.read(8)
         refuse(head[:4] not in (b"II*\0", b"MM\0*"), "is not a DNG file; it does not begin like a TIFF file")
-        places = [int.from_bytes(head[4:8], "little" if head[:2] == b"II" else "big")]
-        for place in places:  # which grows
+        offsets = [int.from_bytes(head[4:8], "little" if head[:2] == b"II" else "big")]
+        for offset in offsets:  # which grows
             directory = ImageFileDirectory_v2(head)
             try:
-                file.seek(place)
+                file.seek(offset)
                 directory.load(file)
                 found.append(dict(directory))
             except Exception as error:  # Pillow raises all sorts
                 raise ValueError(f"is not a valid DNG file: {error}") from None
             below = [*numbers(directory, SUB_DIRECTORIES), *numbers(directory, EXIF), directory.next]
-            places += [int(each) for each in below if each and each not in places]
+            offsets += [int(value) for value in below if value and value not in offsets]
     refuse(not any(found), "is not a DNG file; it has no tags")
     return found
 
 
 def numbers(tags: Tags, tag: int, default: Any = ()) -> list[float]:
-    """A tag's numbers, one or many, NaN for fractions over 0; those of ``default`` without it."""
+    """The numbers of a tag, or ``default``; a list also of one number; NaN for a fraction over 0."""
     value = tags.get(tag, default)
-    return [float(each) for each in (value if isinstance(value, (tuple, list)) else (value,))]
+    return [float(part) for part in (value if isinstance(value, (tuple, list)) else (value,))]
 
 
 def linearized(tags: Tags) -> str:
-    """How a raw picture's numbers were stretched by a LinearizationTable, "" where they were not."""
+    """How a LinearizationTable stretches the numbers of a raw picture, "" without one."""
     table = numbers(tags, LINEARIZATION)
     if not table:
         return ""

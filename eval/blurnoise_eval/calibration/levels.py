@@ -1,8 +1,8 @@
-"""Levels, statistics of the frames of one exposure and one light, and the fixed patterns of their means; DN.
+"""Levels: statistics of the frames of one exposure and one light, DN.
 
-The temporal variance is that of each pixel over the frames, averaged over the pixels: fixed patterns and shading
-leave it alone. Before it is formed the frames of a level are brought to the first one's light, so that a lamp that
-drifts does not count as noise.
+The temporal variance is the variance of each pixel over the frames, averaged over the pixels, so that fixed patterns
+and shading do not count. Before that, all frames of a level are scaled to the light of the first one, so that a lamp
+that drifts does not count as noise.
 """
 
 from __future__ import annotations
@@ -10,32 +10,26 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
-from blurnoise_eval.calibration.frames import Floats, Frame, Kind, Plane
-
-SMOOTH_PX = 7  # the mean of this square is taken off for PRNU, as in EMVA 1288 release 4
-_PLACES = tuple((slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1))
-_INNER = (slice(SMOOTH_PX - 1, 1 - SMOOTH_PX),) * 2  # what has whole squares of its place around it
-_OUTLYING = 6.0  # deviations: of a normal pattern one pixel in 5 10^8 is
+from blurnoise_eval.calibration.frames import Floats, Plane
+from blurnoise_eval.calibration.listing import FrameFile
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
     """Statistics of the frames of one exposure and light; ``*_error`` are standard deviations.
 
-    pixels: of a frame. means_dn: of each frame, in the order taken. lamp_spread: largest less least of the frames'
-    means, over the signal (0 in the dark). row_share: part of the temporal variance that whole rows have
-    in common. correlation: of the temporal noise of neighbours, along rows or columns, whichever is more. counts
-    (65536,): how many pixels hold each number.
+    taken: how its first frame was taken. pixels: of a frame. means_dn: of each frame, in order. lamp_spread: range of
+    the means of the frames, relative to the signal (0 in the dark). row_share: share of the temporal variance that
+    whole rows have in common. correlation: of the temporal noise of neighbours, along rows or columns, whichever is
+    larger. counts (65536,): number of pixels with each digital number.
     """
 
-    kind: Kind
-    exposure_s: float
-    photons_per_px: float | None
+    taken: FrameFile
     frames: int
     pixels: int
     mean_dn: float
@@ -47,47 +41,46 @@ class Level:
     row_share: float
     correlation: float
     counts: NDArray[np.int64]
-    gain_db: float = 0.0
-    illuminance_lux: float | None = None
-    wavelength_nm: float | None = None
-    temperature_c: float | None = None
 
     def __str__(self) -> str:
-        """As messages name it."""
-        parts = [
-            f"{value:g} {unit}"
-            for value, unit in (
-                (self.photons_per_px, "photons/px"),
-                (self.illuminance_lux, "lx"),
-                (self.wavelength_nm, "nm"),
-                (self.gain_db or None, "dB"),
-            )
-            if value is not None
-        ]
-        return ", ".join([f"{self.kind} {self.exposure_s * 1e3:g} ms", *parts])
+        """The name of the level in messages."""
+        taken = self.taken
+        light = (
+            (taken.photons_per_px, "photons/px"),
+            (taken.illuminance_lux, "lx"),
+            (taken.wavelength_nm, "nm"),
+            (taken.gain_db or None, "dB"),
+        )
+        parts = [f"{value:g} {unit}" for value, unit in light if value is not None]
+        return ", ".join([f"{taken.kind} {self.exposure_s * 1e3:g} ms", *parts])
+
+    @property
+    def exposure_s(self) -> float:
+        """Exposure time."""
+        return self.taken.exposure_s
 
     @property
     def drift_dn(self) -> float:
-        """Mean of the last frame less that of the first."""
+        """Mean of the last frame minus that of the first."""
         return self.means_dn[-1] - self.means_dn[0]
 
     @property
     def highest_dn(self) -> int:
-        """The largest number that a pixel holds."""
+        """The largest digital number of the pixels."""
         return int(np.flatnonzero(self.counts)[-1])
 
     def share(self, dn: int) -> float:
-        """Of the pixels that hold this number."""
+        """Share of the pixels with this digital number."""
         return float(self.counts[dn] / self.counts.sum()) if dn >= 0 else 0.0
 
 
-def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tuple[Level, Floats]:
-    """The level of ``planes`` (two or more, (H, W), of one size), taken as ``first`` was, and their mean (H, W).
+def level_of(planes: Iterable[Plane], taken: FrameFile, dark_dn: float = 0.0) -> tuple[Level, Floats]:
+    """The level of ``planes`` (two or more, (H, W), of one size), and their mean frame (H, W).
 
-    dark_dn: mean in the dark, above which the lamp is brought to the first frame's. The variance of n frames and P
-    pixels has the error of the mean of P variances, which holds for any distribution and grows by shading alone.
+    dark_dn: mean in the dark, above which frames are scaled to the light of the first. The error of the variance is
+    that of a mean of the variances of all pixels, which holds for any distribution; shading makes it larger.
     """
-    lit = first.kind == "flat"
+    lit = taken.kind == "flat"
     counts = np.zeros(1 << 16, np.int64)
     means: list[float] = []
     for plane in planes:
@@ -95,136 +88,55 @@ def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tup
         values = plane.astype(np.float64)
         means.append(float(values.mean()))
         if len(means) == 1:
-            start, total, squares = values, np.zeros_like(values), np.zeros_like(values)
+            first, total, squares = values, np.zeros_like(values), np.zeros_like(values)
             continue
         light, reference = means[-1] - dark_dn, means[0] - dark_dn
         if lit and light > 0 and reference > 0:
             values = dark_dn + (values - dark_dn) * (reference / light)
         else:
             values += means[0] - means[-1]
-        values -= start
+        values -= first  # differences keep the precision of the sums
         total += values
         squares += values * values
         if len(means) == 2:
             pair = values
-    frames, pixels = len(means), start.size
-    each = (squares - total * total / frames) / (frames - 1)
+    frames, pixels = len(means), first.size
+    variances = (squares - total * total / frames) / (frames - 1)
     signals = np.array(means) - dark_dn
-    if lit and (signals > 0).all():  # shot noise of the first one's light, to that of the mean
-        each *= signals.mean() / (signals[0] ** 2 * (1 / signals).mean())
-    variance, signal = float(each.mean()) * pixels / (pixels - 1), float(signals.mean())
-    rows = float(pair.mean(1).var(ddof=1)) / 2 - variance / start.shape[1]
+    if lit and (signals > 0).all():  # from the shot noise of the first frame's light to that of the mean
+        variances *= signals.mean() / (signals[0] ** 2 * (1 / signals).mean())
+    variance, signal = float(variances.mean()) * pixels / (pixels - 1), float(signals.mean())
+    rows = float(pair.mean(1).var(ddof=1)) / 2 - variance / first.shape[1]
     power = float((pair * pair).mean())
     neighbours = max(float((pair[:, 1:] * pair[:, :-1]).mean()), float((pair[1:] * pair[:-1]).mean()))
     level = Level(
-        kind=first.kind,
-        exposure_s=first.exposure_s,
-        photons_per_px=first.photons_per_px,
+        taken=taken,
         frames=frames,
         pixels=pixels,
         mean_dn=float(np.mean(means)),
         mean_error_dn=math.sqrt(variance / (frames * pixels)),
         variance_dn2=variance,
-        variance_error_dn2=float(each.std()) / math.sqrt(pixels),
+        variance_error_dn2=float(variances.std()) / math.sqrt(pixels),
         means_dn=tuple(means),
         lamp_spread=(max(means) - min(means)) / signal if lit and signal > 0 else 0.0,
         row_share=rows / variance if variance else 0.0,
         correlation=neighbours / power if power else 0.0,
         counts=counts,
-        gain_db=first.gain_db,
-        illuminance_lux=first.illuminance_lux,
-        wavelength_nm=first.wavelength_nm,
-        temperature_c=first.temperature_c,
     )
-    return level, start + total / frames
+    return level, first + total / frames
 
 
 def columns(levels: Sequence[Level], *names: str) -> list[Floats]:
-    """An array (N,) of each field over N levels."""
-    return [np.array([getattr(level, name) for level in levels], float) for name in names]
-
-
-@dataclass(frozen=True)
-class Pattern:
-    """Variance over pixels of a mean frame, DN^2; fixed: without temporal noise; error: one deviation.
-
-    outliers: pixels beyond ``_OUTLYING`` deviations, which do not count; with them the variance is outlying_dn2 more.
-    """
-
-    variance_dn2: float
-    fixed_dn2: float
-    error_dn2: float
-    pixels: int
-    outliers: int
-    outlying_dn2: float
+    """An array (N,) of each field over N levels; names: such as "mean_dn", "taken.photons_per_px"."""
+    return [np.array([*map(attrgetter(name), levels)], float) for name in names]
 
 
 def frame_scatter(levels: Sequence[Level]) -> float:
-    """By how much the means of frames of one level scatter, DN rms, pooled over the levels."""
+    """Standard deviation of the means of frames within their levels, DN."""
     squares = sum(level.frames * float(np.var(level.means_dn)) for level in levels)
     return math.sqrt(squares / sum(level.frames - 1 for level in levels))
 
 
-def hot_pixels(mean: Floats) -> NDArray[np.bool_]:
-    """Which pixels of ``mean`` (H, W), of dark levels, lie far from the others of their place in a mosaic."""
-    hot = np.zeros(mean.shape, bool)
-    for place in _PLACES:
-        # a mean of whole numbers that is one off may not lie out
-        hot[place] = outlying(mean[place] - np.median(mean[place]), 1.0)
-    return hot
-
-
-def dark_pattern(halves: tuple[Floats, Floats]) -> Pattern:
-    """Of the dark frames: means (H, W) of every other one and of the rest, whose noise is not the same.
-
-    Each of the four planes of a mosaic varies about its own mean. What both halves share is fixed; the noise of hot
-    pixels, far above the others', is in neither figure.
-    """
-    mean = (halves[0] + halves[1]) / 2
-    hot = hot_pixels(mean)
-    every, fixed, squares = [], [], []
-    for place in _PLACES:
-        kept = ~hot[place]
-        one, other = (half[place][kept] - half[place][kept].mean() for half in halves)
-        every.append((mean[place] - np.median(mean[place])).ravel())
-        fixed.append(one * other)
-        squares.append(((one + other) / 2) ** 2)
-    shared, freedom = np.concatenate(fixed), hot.size - int(hot.sum()) - len(_PLACES)
-    variance = float(np.concatenate(squares).sum()) / freedom
-    return Pattern(
-        variance_dn2=variance,
-        fixed_dn2=float(shared.sum()) / freedom,
-        error_dn2=float(shared.std()) / math.sqrt(freedom),
-        pixels=hot.size,
-        outliers=int(hot.sum()),
-        outlying_dn2=max(0.0, float((np.concatenate(every) ** 2).mean()) - variance),
-    )
-
-
-def without_shading(mean: Floats) -> Floats:
-    """``mean`` (H, W) without its rim, less the mean of the 7 x 7 around each pixel of its place in a mosaic."""
-    return (mean - smooth(mean, np.zeros(mean.shape, bool)))[_INNER]
-
-
-def smooth(mean: Floats, left_out: NDArray[np.bool_]) -> Floats:
-    """Of ``mean`` (H, W) the mean of the 7 x 7 around each pixel of its place in a mosaic, without those left out."""
-    found = np.empty_like(mean)
-    for place in _PLACES:
-        kept, level = (~left_out[place]).astype(np.float64), np.median(mean[place])
-        total, share = (
-            uniform_filter(values, SMOOTH_PX, mode="reflect")
-            for values in (kept * (mean[place] - level), kept)
-        )
-        found[place] = level + total / np.maximum(share, 0.5 / SMOOTH_PX**2)
-    return found
-
-
-def outlying(values: Floats, least: float = 0.0) -> NDArray[np.bool_]:
-    """Which values about 0 lie beyond ``_OUTLYING`` deviations, by their median, and beyond ``least``."""
-    deviation = 1.4826 * float(np.median(np.abs(values)))
-    return np.asarray(np.abs(values) > max(_OUTLYING * deviation, least))
-
-
 def noise_of_mean(levels: Sequence[Level]) -> float:
-    """Temporal variance of the mean of the levels' mean frames."""
+    """Temporal variance of the mean of the mean frames of the levels."""
     return sum(level.variance_dn2 / level.frames for level in levels) / len(levels) ** 2

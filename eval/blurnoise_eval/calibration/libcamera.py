@@ -1,9 +1,9 @@
 """Cameras from tuning files of libcamera for Raspberry Pi, with values measured by its tool (utils/raspberrypi/ctt).
 
-``rpi.noise``: noise over the root of the mean, 16-bit DN, whose square is K. ``rpi.lux``: mean of a chart's picture,
-balanced to green, black still in it, at a stated light, time and gain. ``rpi.ccm``, ``rpi.awb``: by colour
-temperature, colour matrices and red and blue of grey over green. ``rpi.alsc``: a 16 x 12 table of gains that even
-out the lens's light. ``rpi.contrast``: the tone curve.
+``rpi.noise``: noise over the root of the mean, 16-bit DN; its square is K. ``rpi.lux``: mean of the picture of a
+chart, balanced to green, with the black level, at a given light, time and gain. ``rpi.ccm``, ``rpi.awb``: by colour
+temperature, colour matrices, and red and blue over green of grey. ``rpi.alsc``: a 16 x 12 table of gains that correct
+the shading of the lens. ``rpi.contrast``: the tone curve.
 """
 
 from __future__ import annotations
@@ -19,23 +19,24 @@ from blurnoise.camera import Camera
 from blurnoise.camera.colour import FilterCurves
 from blurnoise.camera.lens import RelativeIllumination
 from blurnoise.camera.radiometry import filter_electrons
-from blurnoise_eval.calibration.frames import Floats, refuse
+from blurnoise_eval.calibration.frames import Floats
+from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.light import scaled, tied
 from blurnoise_eval.calibration.to_camera import Known, changed, on_base
 
 KELVIN = 5000.0
 _LIT_BY = f"planck:{KELVIN:g}"
 _CHART = 0.22  # 24 patches of mean 0.27 in the black frame of a ColorChecker, which covers a fifth
-_HEIGHTS = tuple(np.linspace(0, 1, 9).tolist())  # of the field, at which the lens's light is stated
+_HEIGHTS = tuple(np.linspace(0, 1, 9).tolist())  # of the field, for the relative illumination
 _TABLE = (12, 16)
 Algorithms = Mapping[str, Any]
 
 
 def camera_of_libcamera(path: Path, *, base: str, bit_depth: int | None = None) -> Camera:
-    """The camera that a tuning file describes at gain 1 and about 5000 K; the rest as ``base`` has it.
+    """The camera of a tuning file at gain 1 and about 5000 K; the other figures are those of ``base``.
 
-    bit_depth: of the converter, which the file does not state; None: that of ``base``. Raises ``ValueError`` for a
-    file that is none, ``OSError`` as reading does.
+    bit_depth: of the converter, which is not in the file; None: that of ``base``. Raises ``ValueError`` for other
+    files, ``OSError`` as reading does.
     """
     try:
         refuse(path.suffix.lower() != ".json", "must be a tuning file of libcamera, MODULE.json")
@@ -45,7 +46,9 @@ def camera_of_libcamera(path: Path, *, base: str, bit_depth: int | None = None) 
             not isinstance(listed, list),
             "must be a tuning file of libcamera for Raspberry Pi, with 'algorithms'",
         )
-        algorithms = {name: of for each in listed if isinstance(each, Mapping) for name, of in each.items()}
+        algorithms = {
+            name: of for entry in listed if isinstance(entry, Mapping) for name, of in entry.items()
+        }
         bits: Known = {} if bit_depth is None else {"bit_depth": (bit_depth, "from --bit-depth")}
         camera = on_base(path.stem, bits, base)
         camera = changed(camera, _levels(algorithms, camera, path.name))
@@ -84,11 +87,11 @@ def _levels(of: Algorithms, camera: Camera, file: str) -> Known:
 
 
 def _colours(of: Algorithms, camera: Camera, file: str) -> Known:
-    """Colour matrix, and filters with the file's red and blue of grey; nothing without a Bayer pattern."""
+    """Colour matrix, and filters scaled to the red and blue of grey; nothing without a Bayer pattern."""
     curves = camera.sensor.quantum_efficiency
     if not isinstance(curves, FilterCurves) or not {"R", "G", "B"} <= {*camera.sensor.cfa}:
         return {}
-    near = min(of["rpi.ccm"]["ccms"], key=lambda each: abs(each["ct"] - KELVIN))
+    near = min(of["rpi.ccm"]["ccms"], key=lambda entry: abs(entry["ct"] - KELVIN))
     rows = np.reshape(near["ccm"], (3, 3))
     matrix = tuple(map(tuple, (rows / rows.sum(1, keepdims=True)).tolist()))
     kelvin, *shares = np.reshape(of["rpi.awb"]["ct_curve"], (-1, 3)).T
@@ -104,7 +107,7 @@ def _colours(of: Algorithms, camera: Camera, file: str) -> Known:
 
 
 def _light(of: Algorithms, camera: Camera, file: str) -> Known:
-    """The lens's light over the field, and electrons per lux second."""
+    """Relative illumination of the lens, and electrons per lux second."""
     found: Known = {}
     if table := of.get("rpi.alsc", {}).get("luminance_lut"):
         curve, off = _radial(1 / np.reshape(table, _TABLE), camera)
@@ -122,7 +125,7 @@ def _light(of: Algorithms, camera: Camera, file: str) -> Known:
 
 
 def _radial(light: Floats, camera: Camera) -> tuple[RelativeIllumination, float]:
-    """A table of light by its distance from the centre, and what it leaves, RMS of the brightest."""
+    """Relative illumination by distance from the centre, and the RMS residual, relative to the maximum."""
     y, x = (np.arange(side) + 0.5 - side / 2 for side in light.shape)
     across, down = x / len(x) * camera.sensor.width_px, y / len(y) * camera.sensor.height_px
     heights = np.hypot(down[:, None], across) / camera.field.corner_px

@@ -1,9 +1,8 @@
-"""Light: the electrons that a camera makes of a lux second, measured, and the figures of it that follow.
+"""Calibration of light: measured electrons per lux second, and the camera's figures that follow.
 
 Domain: mean photo-electrons per pixel behind the strongest filter (green, clear), over the whole field, for one lux
-second on a white surface.
-What is measured is a product of lens, pixel and filters: f-number and pitch stay, transmission follows, or, where
-the lens is known or transmits all, quantum efficiency.
+second on a white surface. This is a product of lens, pixel and filters: f-number and pitch stay unchanged, and
+transmission follows; quantum efficiency follows if the transmission is known, or would be above 1.
 """
 
 from __future__ import annotations
@@ -16,21 +15,20 @@ import numpy as np
 from blurnoise.camera import Camera, lens, radiometry
 from blurnoise.camera.colour import FilterCurves
 from blurnoise.camera.spectra import Curve
-from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.levels import columns
-from blurnoise_eval.calibration.structure import Z
-from blurnoise_eval.calibration.to_camera import Known, ends
+from blurnoise_eval.calibration.to_camera import Known
+from blurnoise_eval.calibration.uncertain import Uncertain, interval_texts
 
 RESTS_ON = ("f_number", "transmission", "pixel_pitch_um", "quantum_efficiency")
-"""Figures of a camera that its electrons per lux second follow from."""
-_TIED = "electrons per lux second"  # in the source of a figure that was measured so
+"""Figures of a camera that determine its electrons per lux second."""
+_TIED = "electrons per lux second"  # in the source of a figure that follows from them
 _GREY = 0.18
-_COARSE = 64  # pixels along the shorter side on which the lens's light is averaged
+_COARSE = 64  # pixels along the shorter side, for the average over the field
 
 
 def electrons_per_lux_s(camera: Camera, illuminant: str | Curve = "D55") -> float:
-    """Behind the strongest filter, over the field of the lens."""
+    """Mean electrons per lux second behind the strongest filter, over the field of the lens."""
     height, width = camera.field.size
     step = max(1, min(height, width) // _COARSE)
     field = lens.light(camera.field, (max(1, height // step), max(1, width // step)))
@@ -38,71 +36,70 @@ def electrons_per_lux_s(camera: Camera, illuminant: str | Curve = "D55") -> floa
 
 
 def tied(camera: Camera, measured: float, source: str, illuminant: str | Curve = "D55") -> Known:
-    """The figures with which the camera's :func:`electrons_per_lux_s` are ``measured``.
+    """The figures with which :func:`electrons_per_lux_s` of the camera has the value ``measured``.
 
-    source: of the measurement. Raises ``ValueError`` where a quantum efficiency above 1 would be needed.
+    source: of the measurement. Raises ``ValueError`` if that needs a quantum efficiency above 1.
     """
-    of_lens = camera.sources.get("transmission", "assumed")
-    lens_known = "assum" not in of_lens and _TIED not in of_lens
+    lens_source = camera.sources.get("transmission", "assumed")
+    lens_known = "assum" not in lens_source and _TIED not in lens_source
     whole = camera if lens_known else camera.with_figures(transmission=1.0)
     share = measured / electrons_per_lux_s(whole, illuminant)
     by = f"{source}: {measured:.4g} {_TIED}, mean over the field"
-    own = camera.sources.get("quantum_efficiency", "")
-    found: Known = {}
+    known: Known = {}
     if not lens_known:
-        found["transmission"] = (
-            min(share, 1.0),
-            f"{by}, with f_number, pitch and efficiency as they are here",
-        )
+        text = f"{by}, with f_number, pitch and efficiency as they are here"
+        known["transmission"] = (min(share, 1.0), text)
         by = f"derived: times {share:.3g} for the {_TIED} of transmission"
     if lens_known or share > 1:
         try:
-            found["quantum_efficiency"] = (scaled(camera.sensor.quantum_efficiency, share), f"{by}; {own}")
+            source = f"{by}; {camera.sources.get('quantum_efficiency', '')}"
+            known["quantum_efficiency"] = (scaled(camera.sensor.quantum_efficiency, share), source)
         except ValueError:
-            held = ", ".join(f"{name} = {camera.figure(name):g}" for name in ("f_number", "pixel_pitch_um"))
-            needs = f"need {share:.3g} times the quantum efficiency, above 1; {held} may be wrong"
+            values = ", ".join(f"{name} = {camera.figure(name):g}" for name in ("f_number", "pixel_pitch_um"))
+            needs = f"need {share:.3g} times the quantum efficiency, above 1; {values} may be wrong"
             raise ValueError(f"{measured:.4g} {_TIED}: {needs}; set them in a file for --base") from None
-    return found
+    return known
 
 
 def scaled(curves: Any, by: float, only: str = "") -> Any:
-    """A quantum efficiency times a factor; only: that of one filter. Raises ``ValueError`` above 1."""
+    """A quantum efficiency times a factor; only: of one filter. Raises ``ValueError`` above 1."""
     if isinstance(curves, FilterCurves):
-        each = {
-            name: curve if only not in ("", name) else scaled(curve, by) for name, curve in curves.stated()
-        }
-        return FilterCurves(**each)
+        filters = curves.stated()
+        return FilterCurves(**{name: scaled(x, by) if only in ("", name) else x for name, x in filters})
     values = curves.values if isinstance(curves, Curve) else (curves,)
     if by * max(values) > 1:
         raise ValueError(f"quantum_efficiency = {by * max(values):g}: must be <= 1")
-    return (
-        Curve(curves.wavelengths_nm, tuple(by * each for each in values))
-        if isinstance(curves, Curve)
-        else by * curves
-    )
+    if not isinstance(curves, Curve):
+        return by * curves
+    return Curve(curves.wavelengths_nm, tuple(by * value for value in values))
 
 
 def card(text: str) -> tuple[float | None, float]:
-    """Lux on a grey card, and its reflectance, of "LUX,REFLECTANCE" or "REFLECTANCE". Raises ``ValueError``."""
+    """Read "LUX,REFLECTANCE" or "REFLECTANCE" of a grey card. Raises ``ValueError``.
+
+    >>> card("500,0.18")
+    (500.0, 0.18)
+    """
     try:
         *lux, reflectance = (float(part) for part in text.split(","))
     except ValueError:
         lux, reflectance = [], math.nan
-    if len(lux) > 1 or not 0 < reflectance <= 1 or not all(0 < each <= 1e7 for each in lux):
+    if len(lux) > 1 or not 0 < reflectance <= 1 or not all(0 < value <= 1e7 for value in lux):
         raise ValueError(f"grey_card = {text!r}: must be LUX,REFLECTANCE or REFLECTANCE, such as 500,0.18")
     return (lux[0] if lux else None), reflectance
 
 
-def of_grey_card(found: Measurement, camera: Camera, grey_card: str | None) -> Known:
-    """The camera's figures by flat frames of a grey card under a lux meter.
+def of_grey_card(measurement: Measurement, camera: Camera, grey_card: str | None) -> Known:
+    """The camera's figures by flat frames of a grey card under a lux meter; nothing without lux.
 
-    grey_card: see :func:`card`; light that ``frames.csv`` states goes before its lux. Nothing where neither has lux.
-    Raises ``ValueError`` for a card without any, and as :func:`tied` does.
+    grey_card: see :func:`card`; illuminance_lux in ``frames.csv`` takes precedence over its lux. Raises
+    ``ValueError`` for a card without any lux, and as :func:`tied` does.
     """
     lux, reflectance = (None, _GREY) if grey_card is None else card(grey_card)
-    flat = [found.flat[place] for place in found.used]
-    stated = [lux if level.illuminance_lux is None else level.illuminance_lux for level in flat]
-    lit = [(level, float(on)) for level, on in zip(flat, stated, strict=True) if on]
+    flat = [measurement.flat[index] for index in measurement.used]
+    listed = [level.taken.illuminance_lux for level in flat]
+    levels_lux = [lux if level_lux is None else level_lux for level_lux in listed]
+    lit = [(level, float(on)) for level, on in zip(flat, levels_lux, strict=True) if on]
     if not lit:
         if grey_card is not None:
             raise ValueError(
@@ -111,19 +108,19 @@ def of_grey_card(found: Measurement, camera: Camera, grey_card: str | None) -> K
         return {}
     exposure_s, mean_dn = columns([level for level, _ in lit], "exposure_s", "mean_dn")
     lux_s = np.array([on for _, on in lit]) * exposure_s * reflectance
-    signal_e = (mean_dn - found.fit.dark.at(exposure_s)) / found.fit.gain
+    signal_e = (mean_dn - measurement.fit.dark.at(exposure_s)) / measurement.fit.gain
     per_lux_s = float(signal_e.sum() / lux_s.sum())
     off_e = signal_e - per_lux_s * lux_s
     scatter = math.sqrt(float((off_e**2).sum()) * len(lit) / max(1, len(lit) - 1)) / float(signal_e.sum())
-    error = Z * per_lux_s * math.hypot(scatter, found.fit.error(1) / found.fit.gain)
-    interval = "-".join(ends(Estimate(per_lux_s, per_lux_s - error, per_lux_s + error)))
+    error = per_lux_s * math.hypot(scatter, measurement.fit.error(1) / measurement.fit.gain)
+    interval = "-".join(interval_texts(Uncertain(per_lux_s, error).interval()))
     of_card = f"reflectance {reflectance:g}" + (" (assumed)" if grey_card is None else "")
     source = f"measured: {len(lit)} levels of a grey card, {of_card}, 95 % {interval} (without the lux meter's error)"
     return tied(camera, per_lux_s, source)
 
 
 def lux_text(camera: Camera) -> str | None:
-    """A line on the assumed values on which lux of this camera depend; None if there are none."""
+    """A line on the assumed values on which the lux of this camera depend, None if there are none."""
     sources = {name: camera.sources.get(name, "") for name in RESTS_ON}
     tied_by = {name: before for name in RESTS_ON for before, of, _ in [sources[name].partition(_TIED)] if of}
     assumed = [name for name, source in (tied_by or sources).items() if "assum" in source]

@@ -1,9 +1,9 @@
-"""Which frames a folder holds and how each was taken.
+"""The frames of a folder, and how each was taken.
 
-``frames.csv`` lists them (its columns are the fields of ``Frame``), or the descriptor of EMVA 1288's data sets and of
-the package emva1288 (a .txt file). Without either, names of files and folders say what is dark and what is flat, then
-headers; headers how long the exposure was, then names: ``dark_10ms_0.png``, ``flat/2ms_1.tif``, ``IMG_1.dng``. Where
-the two differ, and where a name can be read in several ways, the listing's notes say so.
+``frames.csv`` lists them (its columns are the fields of ``FrameFile``), or the descriptor of the data sets of EMVA
+1288 and the package emva1288 (a .txt file). Otherwise the kind comes from the names of files and folders, then from
+headers, and the exposure from headers, then from names: ``dark_10ms_0.png``, ``flat/2ms_1.tif``, ``IMG_1.dng``. Notes
+name the files where both differ, or where a name has several readings.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -22,24 +23,25 @@ from pydantic import BaseModel, ValidationError
 
 from blurnoise._core.checks import within
 from blurnoise._core.files import read_text
-from blurnoise_eval.calibration.formats import FORMATS, RawLayout, format_of, naming, read_plane, refuse
-from blurnoise_eval.calibration.names import WAYS, Exposure, exposure_of, kind_of, way_of
+from blurnoise_eval.calibration.formats import FORMATS, RawLayout, format_of, naming, read_plane
+from blurnoise_eval.calibration.headers import Header, refuse
+from blurnoise_eval.calibration.names import NamedExposure, exposure_of, fitting_reading, kind_of
 from blurnoise_eval.system.files import inside
 
 Kind = Literal["dark", "flat"]
 BayerPattern = Literal["none", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 _LIST = "frames.csv"
 _DECIMAL_COMMA = re.compile(r"-?\d+,\d+(?:e-?\d+)?", re.IGNORECASE)
-_PARTS = ("ms", 1e-3), ("us", 1e-6)  # that headers may be in, though seconds are their unit
-_CLIPPED = 0.01  # of the pixels at the greatest number
+_PARTS = ("ms", 1e-3), ("us", 1e-6)  # units of some headers, in place of seconds
+_CLIPPED = 0.01  # share of the pixels with the largest number
 _DESCRIPTOR = re.compile(r"^n\s+\d+\s+\d+\s+\d+\s*$", re.MULTILINE)
 
 
-class Frame(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
-    """A frame of a file and how it was taken; each field is a column of frames.csv.
+class FrameFile(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
+    """A frame in a file and how it was taken; each field is a column of frames.csv.
 
     photons_per_px, illuminance_lux, wavelength_nm: of the light of flat frames; photons are the mean during the
-    exposure. gain_db: of the camera; temperature_c: of its sensor. page: of a file that holds several frames, from 0.
+    exposure. gain_db: of the camera; temperature_c: of its sensor. page: in a file with several frames, from 0.
     """
 
     file: Path
@@ -55,21 +57,17 @@ class Frame(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
 
     @property
     def level(self) -> tuple[float, ...]:
-        """What frames of one level have in common, in the order of levels."""
+        """What the frames of a level have in common, in the order of levels."""
         lit = self.kind == "flat"
         light = (self.photons_per_px, self.illuminance_lux, self.wavelength_nm)
-        return (
-            self.gain_db,
-            self.exposure_s,
-            *(-1.0 if each is None or not lit else each for each in light),
-            lit,
-        )
+        known = (-1.0 if value is None or not lit else value for value in light)
+        return (self.gain_db, self.exposure_s, *known, lit)
 
 
 class Listing(NamedTuple):
-    """The frames of a folder in the order taken. bit_depth: as the list states it; black_dn: as headers do."""
+    """The frames of a folder in the order taken. bit_depth: by the list; black_dn: by the headers."""
 
-    frames: Sequence[Frame]
+    frames: Sequence[FrameFile]
     notes: Sequence[str]
     bit_depth: int | None = None
     black_dn: float | None = None
@@ -80,82 +78,85 @@ class Listing(NamedTuple):
         return [note for note in self.notes if note.startswith("left out")]
 
 
-class _Headers:
-    """Headers of files, the ISO numbers and gain settings in them, which only compare the gains, and notes.
+def list_frames(folder: Path, layout: RawLayout | None = None) -> Listing:
+    """List the frames of ``folder``. layout: of files without a header.
 
-    noted: files by what was assumed of them or why they were left out.
+    Raises ``ValueError`` for a folder without frames and for a list that cannot be read.
     """
+    refuse(not folder.is_dir(), f"folder = {str(folder)!r}: must be a folder of dark and flat frames")
+    descriptors = [path for path in sorted(folder.glob("*.txt")) if _DESCRIPTOR.search(read_text(path))]
+    refuse(len(descriptors) > 1, f"{folder}: {len(descriptors)} descriptors of EMVA 1288; must be one")
+    if (folder / _LIST).is_file():
+        listing = _from_list(folder / _LIST, layout)
+    elif descriptors:
+        listing = _from_descriptor(descriptors[0])
+    else:
+        listing = _from_names(folder, layout)
+    must = f"must contain {_LIST}, a descriptor of EMVA 1288, files with names such as flat_10ms_1.png, or raw files"
+    refuse(not listing.frames, f"{folder}: no frames; {'; '.join([must, *listing.left_out])}")
+    return listing
+
+
+class _Headers:
+    """Headers of the files, and notes on them. ISO numbers and gain settings only compare the gains of the files."""
 
     def __init__(self) -> None:
-        self._isos: dict[Path, float] = {}
-        self._settings: dict[Path, float] = {}
-        self._blacks_dn: dict[Path, float] = {}
-        self.noted: dict[str, list[str]] = {}
+        self._headers: dict[Path, Header] = {}
+        self._notes: dict[str, list[str]] = {}
 
     def note(self, text: str, path: Path) -> None:
-        """What was assumed of a file."""
-        self.noted.setdefault(text, []).append(path.name)
+        """Note an assumption about a file; files with the same note are counted."""
+        self._notes.setdefault(text, []).append(path.name)
 
-    def read(self, path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Fields of the file's frames, and its ``words`` and ``processed``; given: those known without its header,
-        which count more."""
+    def read(self, path: Path, known: Mapping[str, Any]) -> Header:
+        """Read a header. known: fields of the frame from elsewhere, which take precedence."""
         refuse(not path.is_file(), f"file {path.name!r}: must be a file in {path.parent}")
         with naming(path):
-            taken = format_of(path).taken(path)
-        for name, values in (
-            ("iso", self._isos), ("gain_setting", self._settings), ("black_dn", self._blacks_dn),
-        ):  # fmt: skip
-            value = taken.pop(name, None)
-            if value is not None and "gain_db" not in given:
-                values[path] = value
-        for text in taken.pop("notes", ()):
+            header = format_of(path).header(path)
+        if "gain_db" not in known:
+            self._headers[path] = header
+        for text in header.notes:
             self.note(text, path)
-        stated = taken.get("exposure_s")
-        if isinstance(stated, float) and stated and "exposure_s" in given:
+        if isinstance(header.exposure_s, float) and header.exposure_s and "exposure_s" in known:
             with suppress(ValueError):
-                if not math.isclose(stated, float(given["exposure_s"]), rel_tol=0.01):
-                    text = f"{given['exposure_s']} s in {_LIST} but {stated:g} s in the header"
+                if not math.isclose(header.exposure_s, float(known["exposure_s"]), rel_tol=0.01):
+                    text = f"{known['exposure_s']} s in {_LIST} but {header.exposure_s:g} s in the header"
                     self.note(f"{text}; that of {_LIST} is used", path)
-        return {"file": path, **taken, **given}
+        return header
 
-    def apply(self, frames: Sequence[Frame], notes: Sequence[str] = ()) -> Listing:
-        """The frames with their gains. Raises ``ValueError`` for settings whose gains are unknown."""
-        different = sorted({*self._settings.values()})
-        numbers = ", ".join(f"{setting:g}" for setting in different)
+    def listing(self, frames: Sequence[FrameFile]) -> Listing:
+        """The frames with their gains. Raises ``ValueError`` for gain settings whose unit is unknown."""
+        headers = self._headers.items()
+        settings = sorted({header.gain_setting for _, header in headers if header.gain_setting is not None})
+        numbers = ", ".join(f"{setting:g}" for setting in settings)
         unit = "their unit depends on the manufacturer; add the column gain_db to frames.csv"
-        refuse(len(different) > 1, f"GAIN in the headers = {numbers}: {unit}")
-        notes = [
-            *notes,
-            *(f"{text} ({len(names)} files, such as {names[0]})" for text, names in self.noted.items()),
-        ]
-        blacks_dn = {*self._blacks_dn.values()}
+        refuse(len(settings) > 1, f"GAIN in the headers = {numbers}: {unit}")
+        notes = [f"{text} ({len(names)} files, such as {names[0]})" for text, names in self._notes.items()]
+        blacks_dn = {header.black_dn for _, header in headers} - {None}
         black_dn = blacks_dn.pop() if len(blacks_dn) == 1 else None
-        if not self._isos:
-            return Listing(frames, notes, black_dn=black_dn)
-        base = min(self._isos.values())
-        gains = {path: round(20 * math.log10(iso / base), 3) for path, iso in self._isos.items()}
-        with_gain = [
-            each.model_copy(update={"gain_db": gains.get(each.file, each.gain_db)}) for each in frames
-        ]
-        return Listing(
-            with_gain, [*notes, f"ISO {base:g}, the lowest, is used as 0 dB of gain"], black_dn=black_dn
-        )
+        isos = {path: header.iso for path, header in headers if header.iso is not None}
+        if isos:
+            lowest = min(isos.values())
+            gains = {path: round(20 * math.log10(iso / lowest), 3) for path, iso in isos.items()}
+            frames = [x.model_copy(update={"gain_db": gains.get(x.file, x.gain_db)}) for x in frames]
+            notes.append(f"ISO {lowest:g}, the lowest, is used as 0 dB of gain")
+        return Listing(frames, notes, black_dn=black_dn)
 
 
-def _frame(fields: dict[str, Any]) -> Frame:
+def _frame(fields: Mapping[str, Any]) -> FrameFile:
     """Raises ``ValueError`` that names the field and its value."""
     try:
-        return Frame.model_validate(fields)
+        return FrameFile.model_validate(fields)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         got = "" if fault["type"] == "missing" else f" = {fault['input']!r}"
-        columns = ", ".join(Frame.model_fields)
+        columns = ", ".join(FrameFile.model_fields)
         unknown = f"; columns: {columns}" if fault["type"] == "extra_forbidden" else ""
         must = fault["msg"].replace("Input should", "must")
         raise ValueError(f"{fault['loc'][0]}{got}: {must}{unknown}") from None
 
 
-def _pages(fields: dict[str, Any], layout: RawLayout | None) -> Iterator[Frame]:
+def _pages(fields: Mapping[str, Any], layout: RawLayout | None) -> Iterator[FrameFile]:
     """The frames of a file."""
     first = _frame(fields)
     with naming(first.file):
@@ -164,61 +165,44 @@ def _pages(fields: dict[str, Any], layout: RawLayout | None) -> Iterator[Frame]:
         yield first.model_copy(update={"page": first.page + page})
 
 
-def list_frames(folder: Path, layout: RawLayout | None = None) -> Listing:
-    """The frames of ``folder``. layout: of files without a header.
-
-    Raises ``ValueError`` for a folder without frames and for a list that cannot be read.
-    """
-    refuse(not folder.is_dir(), f"folder = {str(folder)!r}: must be a folder of dark and flat frames")
-    descriptors = [path for path in sorted(folder.glob("*.txt")) if _DESCRIPTOR.search(read_text(path))]
-    refuse(len(descriptors) > 1, f"{folder}: {len(descriptors)} descriptors of EMVA 1288; must be one")
-    if (folder / _LIST).is_file():
-        found = _listed(folder / _LIST, layout)
-    elif descriptors:
-        found = _described(descriptors[0])
-    else:
-        found = _named(folder, layout)
-    must = f"must contain {_LIST}, a descriptor of EMVA 1288, files with names such as flat_10ms_1.png, or raw files"
-    refuse(not found.frames, f"{folder}: no frames; {'; '.join([must, *found.left_out])}")
-    return found
+# --- frames.csv ---
 
 
-def _listed(source: Path, layout: RawLayout | None) -> Listing:
-    """Of frames.csv."""
-    frames: list[Frame] = []
+def _from_list(source: Path, layout: RawLayout | None) -> Listing:
+    frames: list[FrameFile] = []
     headers = _Headers()
     lines: dict[tuple[Path, int], int] = {}
     with naming(source):
-        rows = reader_of(source)
+        rows = table_reader(source)
         try:
             names = _columns(next(rows, []))
             for cells in rows:
                 for frame in _row(source.parent, headers, names, with_points(cells, rows), layout):
                     page = frame.file, frame.page
-                    twice = (
+                    again = (
                         f"file {frame.file.name!r}, page {frame.page}: is already in line {lines.get(page)}"
                     )
-                    refuse(page in lines, twice)
+                    refuse(page in lines, again)
                     lines[page] = rows.line_num
                     frames.append(frame)
         except (ValueError, csv.Error) as error:
             raise ValueError(f"line {rows.line_num}: {error}") from None
         refuse(not frames, "no frames; must have a line for each file")
-        return headers.apply(frames)
+        return headers.listing(frames)
 
 
-def reader_of(source: Path) -> Any:
-    """The ``csv.reader`` of a table: separated by commas, or by semicolons or tabs as its first line is."""
+def table_reader(source: Path) -> Any:
+    """The ``csv.reader`` of a table, separated by commas, semicolons or tabs as its first line shows."""
     lines = read_text(source).splitlines()
-    if lines and lines[0].lower().startswith("sep="):  # for Excel
+    if lines and lines[0].lower().startswith("sep="):  # written by Excel
         return csv.reader(lines[1:], delimiter=lines[0][4:5] or ",", skipinitialspace=True)
     head = lines[0] if lines else ""
-    separator = next((each for each in ";\t" if "," not in head and each in head), ",")
+    separator = next((mark for mark in ";\t" if "," not in head and mark in head), ",")
     return csv.reader(lines, delimiter=separator, skipinitialspace=True)
 
 
 def with_points(cells: Sequence[str], reader: Any) -> list[str]:
-    """Cells of a line, with a point for the decimal comma that numbers have between semicolons or tabs."""
+    """Cells of a line; between semicolons or tabs, a decimal comma becomes a point."""
     commas = reader.dialect.delimiter != ","
     return [
         cell.replace(",", ".") if commas and _DECIMAL_COMMA.fullmatch(cell.strip()) else cell.strip()
@@ -226,41 +210,42 @@ def with_points(cells: Sequence[str], reader: Any) -> list[str]:
     ]
 
 
-def _columns(header: Sequence[str]) -> list[str]:
-    """Names of the columns, in small letters."""
-    names = [name.strip().lower() for name in header]
-    twice = [name for name in names if name and names.count(name) > 1]
-    refuse(twice, f"column {', '.join(twice[:1])!r}: must occur once")
+def _columns(head: Sequence[str]) -> list[str]:
+    """Names of the columns in lower case."""
+    names = [name.strip().lower() for name in head]
+    repeated = [name for name in names if name and names.count(name) > 1]
+    refuse(repeated, f"column {', '.join(repeated[:1])!r}: must occur once")
     return names
 
 
 def _row(
     folder: Path, headers: _Headers, names: Sequence[str], cells: Sequence[str], layout: RawLayout | None
-) -> Iterator[Frame]:
+) -> Iterator[FrameFile]:
     """The frames of a line of frames.csv."""
-    refuse(
-        len(cells) > len(names), f"{len(cells)} values; must be at most {len(names)}, the number of columns"
-    )
-    given: dict[str, Any] = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
-    if "file" in given:
-        path = folder / inside(given.pop("file"))
-        fields = headers.read(path, given)
-        words, processed = fields.pop("words", ""), fields.pop("processed", "")
-        averaged = kind_of(words).averaged or processed
-        refuse(
-            averaged, f"{path.name}: {processed or words!r}: must be a raw frame, not an average or processed"
-        )
-        if "kind" not in given and kind_of(words).kind in ("dark", "flat"):
-            fields["kind"] = kind_of(words).kind
+    most = f"must be at most {len(names)}, the number of columns"
+    refuse(len(cells) > len(names), f"{len(cells)} values; {most}")
+    known: dict[str, Any] = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
+    if "file" in known:
+        path = folder / inside(known.pop("file"))
+        header = headers.read(path, known)
+        kind = kind_of(header.words)
+        raw = f"{path.name}: {header.processed or header.words!r}: must be a raw frame, not an average or processed"
+        refuse(kind.averaged or header.processed, raw)
+        fields = {"file": path, **header.fields(), **known}
+        if "kind" not in known and kind.kind in ("dark", "flat"):
+            fields["kind"] = kind.kind
         yield from _pages(fields, layout)
-    elif given:
-        _frame(given)
+    elif known:
+        _frame(known)  # which names what is missing
 
 
-def _described(source: Path) -> Listing:
-    """Of a descriptor: n BITS WIDTH HEIGHT; b EXPOSURE_NS PHOTONS or d EXPOSURE_NS; i PICTURE."""
-    frames: list[Frame] = []
-    given: dict[str, Any] = {}
+# --- descriptors of EMVA 1288 ---
+
+
+def _from_descriptor(source: Path) -> Listing:
+    """n BITS WIDTH HEIGHT; b EXPOSURE_NS PHOTONS or d EXPOSURE_NS; i PICTURE."""
+    frames: list[FrameFile] = []
+    fields: dict[str, Any] = {}
     bits = 0
     for number, line in enumerate(read_text(source).splitlines(), 1):
         letter, *words = line.replace(",", ".").split() or ["#"]
@@ -268,105 +253,121 @@ def _described(source: Path) -> Listing:
             if letter == "n":
                 bits = int(words[0])
             elif letter in ("b", "d"):
-                given = {"kind": "flat" if letter == "b" else "dark", "exposure_s": float(words[0]) / 1e9}
+                fields = {"kind": "flat" if letter == "b" else "dark", "exposure_s": float(words[0]) / 1e9}
                 if letter == "b":
-                    given["photons_per_px"] = float(words[1])
+                    fields["photons_per_px"] = float(words[1])
             elif letter == "i":
                 name = line.strip()[1:].strip().replace("\\", "/")
-                path = source.parent / inside(name)
-                frames.append(_frame({"file": path, **given}))
+                frames.append(_frame({"file": source.parent / inside(name), **fields}))
         except (IndexError, ValueError) as error:
             text = str(error) if isinstance(error, ValueError) else "must be b EXPOSURE_NS PHOTONS"
             raise ValueError(f"{source}: line {number}: {text}") from None
-    here = [frame for frame in frames if frame.file.is_file()]
-    absent = len(frames) - len(here)
-    notes = [f"{source.name} lists {len(frames)} pictures; {absent} of them are missing and left out"]
-    return Listing(here, notes if absent else [], bits or None)
+    present = [frame for frame in frames if frame.file.is_file()]
+    missing = len(frames) - len(present)
+    notes = [f"{source.name} lists {len(frames)} pictures; {missing} of them are missing and left out"]
+    return Listing(present, notes if missing else [], bits or None)
 
 
-def _named(folder: Path, layout: RawLayout | None) -> Listing:
-    """Of files by the names of files and folders, and by their headers. What neither name calls dark or flat is a
-    frame of light where its header states an exposure, or else no frame."""
+# --- names and headers ---
+
+
+@dataclass
+class _NamedFile:
+    """A file that is a frame by its name or header; exposure: by its name."""
+
+    fields: dict[str, Any]
+    exposure: NamedExposure | None
+
+
+def _from_names(folder: Path, layout: RawLayout | None) -> Listing:
+    """Files without dark or flat in name, folder or header are flat frames if the header has an exposure."""
     headers = _Headers()
-    found: list[tuple[dict[str, Any], Exposure | None]] = []
-    below = [path for each in folder.iterdir() if each.is_dir() for path in each.iterdir()]
-    for path in sorted([*folder.iterdir(), *below]):
-        above = path.parent.name if path.parent != folder else ""
-        names = [kind_of(path.stem), kind_of(above)]
-        exposure = exposure_of(path.stem) or exposure_of(above)
-        named = any(each.kind for each in names) and exposure
-        if not path.is_file() or (path.suffix.lower() not in FORMATS and not named):
-            continue
-        fields = headers.read(path, {})
-        words, processed = fields.pop("words", ""), fields.pop("processed", "")
-        stated = kind_of(words)
-        signs = [*(names[::-1] if names[1].of_flats else names), stated]
-        kind = next((each.kind for each in signs if each.kind in ("dark", "flat")), "")
-        if not kind and (words or any(each.kind for each in names)):
-            kind = "light"
-        elif not kind and "exposure_s" in fields:
-            kind = "flat"
-        if kind and (processed or any(each.averaged for each in signs)):
-            why = f" ({processed})" if processed else ""
-            headers.note(f"left out: averages or processed frames{why}; single raw frames are needed", path)
-        elif kind == "light":
-            called = f" ({words})" if words else ""
-            headers.note(
-                f"left out: light frames{called}, which are not of an even light; else name them flat", path
-            )
-        elif kind and not exposure and "exposure_s" not in fields:
-            headers.note("left out: no exposure in name or header", path)
-        elif kind:
-            if stated.kind not in ("", kind):
-                headers.note(f"{kind} by name but {words!r} by header; the name is used", path)
-            found.append((_timed({**fields, "kind": kind}, exposure, headers), exposure))
-    _settle(found, headers, layout)
-    return headers.apply([frame for fields, _ in found for frame in _pages(fields, layout)])
+    below = [path for part in folder.iterdir() if part.is_dir() for path in part.iterdir()]
+    every = [_named_file(path, folder, headers) for path in sorted([*folder.iterdir(), *below])]
+    files = [file for file in every if file]
+    _choose_readings(files, headers, layout)
+    return headers.listing([frame for file in files for frame in _pages(file.fields, layout)])
 
 
-def _timed(fields: dict[str, Any], exposure: Exposure | None, headers: _Headers) -> dict[str, Any]:
-    """The fields with the header's exposure, or the name's where that is clear."""
+def _named_file(path: Path, folder: Path, headers: _Headers) -> _NamedFile | None:
+    """A file by name and header, or None with a note if it is no single raw frame of a kind and exposure."""
+    above = path.parent.name if path.parent != folder else ""
+    names = [kind_of(path.stem), kind_of(above)]
+    exposure = exposure_of(path.stem) or exposure_of(above)
+    named = any(name.kind for name in names) and exposure
+    if not path.is_file() or (path.suffix.lower() not in FORMATS and not named):
+        return None
+    header = headers.read(path, {})
+    by_header = kind_of(header.words)
+    # a folder of dark flats says more than the word flat in the name of a file
+    signs = [*(names[::-1] if names[1].of_flats else names), by_header]
+    kind = next((sign.kind for sign in signs if sign.kind in ("dark", "flat")), "")
+    if not kind and (header.words or any(name.kind for name in names)):
+        kind = "light"
+    elif not kind and header.exposure_s is not None:
+        kind = "flat"
+    if kind and (header.processed or any(sign.averaged for sign in signs)):
+        why = f" ({header.processed})" if header.processed else ""
+        headers.note(f"left out: averages or processed frames{why}; single raw frames are needed", path)
+    elif kind == "light":
+        words = f" ({header.words})" if header.words else ""
+        even = "which are not of an even light; else name them flat"
+        headers.note(f"left out: light frames{words}, {even}", path)
+    elif kind and not exposure and header.exposure_s is None:
+        headers.note("left out: no exposure in name or header", path)
+    elif kind:
+        if by_header.kind not in ("", kind):
+            headers.note(f"{kind} by name but {header.words!r} by header; the name is used", path)
+        fields = {"file": path, "kind": kind, **header.fields()}
+        return _NamedFile(_with_exposure(fields, exposure, headers), exposure)
+    return None
+
+
+def _with_exposure(
+    fields: dict[str, Any], exposure: NamedExposure | None, headers: _Headers
+) -> dict[str, Any]:
+    """The fields with the exposure of the header, or that of the name if it has one reading."""
     if fields.get("exposure_s"):
-        stated = _frame(fields).exposure_s
+        by_header = _frame(fields).exposure_s
         by_name = exposure.readings[0] if exposure and exposure.clear else 0.0
-        unit = next((unit for unit, of_s in _PARTS if math.isclose(by_name, stated * of_s, rel_tol=0.02)), "")
-        if unit:
-            headers.note(
-                f"exposures in headers are in {unit}, by the names; the names are used", fields["file"]
-            )
+        units = (unit for unit, of_s in _PARTS if math.isclose(by_name, by_header * of_s, rel_tol=0.02))
+        if unit := next(units, ""):
+            text = f"exposures in headers are in {unit}, by the names; the names are used"
+            headers.note(text, fields["file"])
             fields["exposure_s"] = by_name
-        elif exposure and not exposure.agrees(stated):
-            text = f"{exposure.readings[0]:g} s by name but {stated:g} s by header; the header's is used"
+        elif exposure and not exposure.agrees(by_header):
+            text = f"{exposure.readings[0]:g} s by name but {by_header:g} s by header; the header's is used"
             headers.note(text, fields["file"])
     elif exposure and exposure.clear:
         fields["exposure_s"] = exposure.readings[0]
     return fields
 
 
-def _settle(
-    found: Sequence[tuple[dict[str, Any], Exposure | None]], headers: _Headers, layout: RawLayout | None
-) -> None:
-    """Read exposures in names that can be read in several ways in the one with which the light grows with them."""
-    unclear = [(fields, exposure) for fields, exposure in found if exposure and "exposure_s" not in fields]
+def _choose_readings(files: Sequence[_NamedFile], headers: _Headers, layout: RawLayout | None) -> None:
+    """For names with several readings, choose the reading with which light and exposure are proportional."""
+    unclear = [
+        (file.fields, file.exposure) for file in files if file.exposure and "exposure_s" not in file.fields
+    ]
     if not unclear:
         return
-    dark = [read_plane(fields["file"], layout).mean() for fields, _ in found if fields["kind"] == "dark"][:2]
+    dark = [file.fields["file"] for file in files if file.fields["kind"] == "dark"][:2]
+    black_dn = min((read_plane(file, layout).mean() for file in dark), default=0.0)
     signals = [
-        _signal(fields["file"], layout) - min(dark, default=0.0) if fields["kind"] == "flat" else math.nan
+        _signal(fields["file"], layout) - black_dn if fields["kind"] == "flat" else math.nan
         for fields, _ in unclear
     ]
-    way = way_of([exposure for _, exposure in unclear], signals)
-    first, shown = unclear[0][0]["file"], sorted({*unclear[0][1].readings})
-    may = " or ".join(f"{each:g} s" for each in shown)
-    fits = f"exposures in names such as {first.name} can be {may}, and the flat frames' light fits none"
-    if way is None:
+    reading = fitting_reading([exposure for _, exposure in unclear], signals)
+    first, times = unclear[0][0]["file"], sorted({*unclear[0][1].readings})
+    if reading is None:
+        may = " or ".join(f"{time:g} s" for time in times)
+        fits = f"exposures in names such as {first.name} can be {may}, and the flat frames' light fits none"
         raise ValueError(f"{fits}; list them in {_LIST}")
     for fields, exposure in unclear:
-        fields["exposure_s"] = exposure.readings[WAYS.index(way)]
+        fields["exposure_s"] = exposure.readings[reading]
     headers.note(f"exposures in names: {first.name} is read as {unclear[0][0]['exposure_s']:g} s", first)
 
 
 def _signal(file: Path, layout: RawLayout | None) -> float:
-    """Mean of a file's first frame, NaN where it clips."""
+    """Mean of the first frame of a file, NaN if it clips."""
     plane = read_plane(file, layout)
     return math.nan if np.mean(plane == plane.max()) > _CLIPPED else float(plane.mean())

@@ -126,11 +126,13 @@ def cameras_fit(
     camera = to_camera.on_base(output.stem, {}, base)  # before any work
     curve = None
     if tone is not None:
-        from blurnoise_eval.calibration import tone as of_tone
+        from blurnoise_eval.calibration.tone import measure_tone
 
-        curve = of_tone.of(tone)
+        curve = measure_tone(tone)
     if dng is not None:
-        camera = to_camera.camera_of_dng(dng, base=base)
+        from blurnoise_eval.calibration.dng import camera_of_dng
+
+        camera = camera_of_dng(dng, base=base)
     elif libcamera is not None:
         from blurnoise_eval.calibration.libcamera import camera_of_libcamera
 
@@ -142,11 +144,13 @@ def cameras_fit(
         from blurnoise_eval.calibration import figure, light
         from blurnoise_eval.calibration.fit import measure
         from blurnoise_eval.calibration.formats import RawLayout
+        from blurnoise_eval.calibration.uncertain import interval_texts
         from blurnoise_eval.system.files import write_figure
 
         layout = RawLayout.parse(raw_layout) if raw_layout else None
         found = measure(folder, bit_depth=bit_depth, layout=layout, cfa=cfa)
-        known_c = [level.temperature_c for level in found.dark if level.temperature_c is not None]
+        taken = [level.taken.temperature_c for level in found.dark]
+        known_c = [celsius for celsius in taken if celsius is not None]
         if temperature_c is None and known_c:
             temperature_c = sum(known_c) / len(known_c)
         camera = to_camera.camera_of(found, output.stem, base=base, temperature_c=temperature_c)
@@ -158,7 +162,7 @@ def cameras_fit(
             "quantity", "value", "95 % interval", "unit", title=f"Photon transfer of {found.frames}"
         )
         for name, each, unit in found.rows():
-            interval = " to ".join(to_camera.ends(each)) if each else ""
+            interval = " to ".join(interval_texts(each)) if each else ""
             table.add_row(name, f"{each.value:.4g}" if each else "not available", interval, unit)
         if found.cfa and set(found.cfa) != set(camera.sensor.cfa):
             notes.append(

@@ -74,6 +74,14 @@ def bdd(
     video is videoName/name, or name, where its pictures are there. images, labels, ``keep_empty``, notes, sizes (a
     frame's ``size``, or the ``imageSize`` of the set) and errors as of :func:`blurnoise_eval.datasets.coco`;
     categories keep their names ("traffic sign", "bike") and are numbered in alphabetical order.
+
+    >>> import json
+    >>> from pathlib import Path
+    >>> from blurnoise_eval import datasets
+    >>> label = {"category": "traffic sign", "box2d": {"x1": 10, "y1": 20, "x2": 40, "y2": 60}}
+    >>> _ = Path("bdd.json").write_text(json.dumps([{"name": "a.jpg", "labels": [label]}]))
+    >>> datasets.bdd("bdd.json").categories
+    {'traffic sign': 1}
     """
     selection = Selection("bdd", file, images, labels, keep_empty)
     with faults_of("labels", selection.file):

@@ -74,6 +74,16 @@ def coco(
     of these. Boxes refer to the upright picture, after its EXIF orientation. A picture whose size
     differs from the file, or that has more than 100 megapixels, cannot be loaded. Raises ``ValueError`` that names
     the file if it is not a COCO file, or if a file name leaves the folder.
+
+    >>> import json
+    >>> from pathlib import Path
+    >>> from blurnoise_eval import datasets
+    >>> box = {"id": 1, "image_id": 7, "category_id": 3, "bbox": [10, 20, 30, 40]}
+    >>> image = {"id": 7, "file_name": "a.jpg", "width": 640, "height": 480}
+    >>> labels = {"images": [image], "categories": [{"id": 3, "name": "car"}], "annotations": [box]}
+    >>> _ = Path("instances.json").write_text(json.dumps(labels))
+    >>> datasets.coco("instances.json").pictures[0].targets[0].box_xyxy
+    (10.0, 20.0, 40.0, 60.0)
     """
     selection = Selection("coco", file, images, labels, keep_empty, "x, y, width, height")
     with faults_of("labels", selection.file):

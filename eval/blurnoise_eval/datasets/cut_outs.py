@@ -1,8 +1,8 @@
-"""Cut-outs: a picture's targets as layers before their background, each of which moves for itself.
+"""Cut-outs: a picture's targets as layers in front of their background, each of which moves by itself.
 
-Convention: crowds, targets whose speed is 0, and all that is no target, are background. Of targets that touch or
-overlap each other the one whose box ends further down is in front. What is behind a target is true where the picture
-was rendered, else invented from around it (:mod:`blurnoise.scene.cutting`).
+Convention: crowds, targets whose speed is 0, and everything that is no target, are background. Of targets that touch
+or overlap, the one whose box ends further down is in front. The background behind a target is known where the picture
+was rendered, else inpainted from around it (:mod:`blurnoise.scene.cutting`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _NEAR_PX = 32  # between windows that are cheaper apart than as one
 
 
 class CutOut(NamedTuple):
-    """A cut picture. targets: of each layer its place among the picture's targets; speeds: as of ``Objects``."""
+    """A cut picture. targets: the index of each layer's target; speeds: of the layers, as of ``Objects``."""
 
     cut: Cut
     targets: tuple[int, ...]
@@ -55,30 +55,32 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
 def cut_out(
     picture: Picture, light: Tensor, objects: Objects, scale: float = 1.0, emitters: float = 1.0
 ) -> CutOut:
-    """The targets of a picture cut out of its light (1, C, H, W), those that show, back to front.
+    """Cut the visible targets of a picture out of its light (1, C, H, W), back to front.
 
-    scale: by which a grey anchor made the light more than the picture's own; emitters: by which targets are
-    brighter. Targets that cover all of a picture have the picture itself behind them, which is never seen.
+    scale: factor of a grey anchor on the picture's light. emitters: factor on that of targets. Targets that cover the
+    whole picture have the picture itself as background, which is never visible.
     """
-    every, size = picture.targets or (), (light.shape[-2], light.shape[-1])
+    targets, size = picture.targets or (), (light.shape[-2], light.shape[-1])
     if picture.cut is not None:
-        known, places = picture.cut(), [*range(len(every))]
+        known, indices = picture.cut(), [*range(len(targets))]
         layers = tuple(replace(layer, light=layer.light * (scale * emitters)) for layer in known.layers)
         cut = Cut(known.background * scale, layers, known.invented)
     else:
-        backmost = [place for place, target in enumerate(every) if not target.crowd]
-        backmost.sort(key=lambda place: every[place].box_xyxy[3])
-        mattes = {place: _matte(every[place], size) for place in _apart(backmost, every, objects)}
-        places = [place for place, matte in mattes.items() if matte.any()]
-        found = [mattes[place] for place in places]
-        covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(size, bool)
-        behind = light if not found or cutting.hole_of(covered).all() else None
-        cut = cutting.cut_out(light, found, [(0.0, 0.0)] * len(found), behind)
-        speeds = [objects.speed_of(every[place].label) for place in places]
-        hidden = [_hidden(number, found, speeds) for number in range(len(found))]
+        back_to_front = [index for index, target in enumerate(targets) if not target.crowd]
+        back_to_front.sort(key=lambda index: targets[index].box_xyxy[3])
+        needed = _need_layers(back_to_front, targets, objects)
+        mattes = {index: _matte(targets[index], size) for index in needed}
+        indices = [index for index, matte in mattes.items() if matte.any()]
+        visible = [mattes[index] for index in indices]
+        covered = np.any([matte > 0 for matte in visible], axis=0) if visible else np.zeros(size, bool)
+        # Nothing is left to fill the background from where targets cover the whole picture.
+        behind = light if not visible or cutting.hole_of(covered).all() else None
+        cut = cutting.cut_out(light, visible, [(0.0, 0.0)] * len(visible), behind)
+        speeds = [objects.speed_of(targets[index].label) for index in indices]
+        hidden = [_hidden(number, visible, speeds) for number in range(len(visible))]
         layers = tuple(_of_picture(layer, light, by) for layer, by in zip(cut.layers, hidden, strict=True))
         cut = cut._replace(layers=layers, invented=cut.invented if behind is None else covered)
-    return CutOut(cut, tuple(places), tuple(objects.speed_of(every[place].label) for place in places))
+    return CutOut(cut, tuple(indices), tuple(objects.speed_of(targets[index].label) for index in indices))
 
 
 def target_mask(picture: Picture, size: tuple[int, int]) -> Matte:
@@ -95,49 +97,52 @@ def target_mask(picture: Picture, size: tuple[int, int]) -> Matte:
     return np.asarray(np.max(mattes, axis=0), np.float32) if mattes else np.zeros(size, np.float32)
 
 
-def _apart(backmost: Sequence[int], every: Sequence[Target], objects: Objects) -> list[int]:
-    """The targets that move, stand before one that does or right behind it; the others are background."""
-    movers = [place for place in backmost if objects.speed_of(every[place].label)]
-    first = backmost.index(movers[0]) if movers else len(backmost)
+def _need_layers(back_to_front: Sequence[int], targets: Sequence[Target], objects: Objects) -> list[int]:
+    """Targets that need a layer: moving ones, those in front of one, and those that overlap one. The others are
+    background."""
+    moving = [index for index in back_to_front if objects.speed_of(targets[index].label)]
+    first = back_to_front.index(moving[0]) if moving else len(back_to_front)
     return [
-        place
-        for number, place in enumerate(backmost)
-        if number >= first or _meets(every[place], [every[mover] for mover in movers])
+        index
+        for number, index in enumerate(back_to_front)
+        if number >= first or _overlaps(targets[index], [targets[mover] for mover in moving])
     ]
 
 
-def _meets(target: Target, others: Collection[Target]) -> bool:
+def _overlaps(target: Target, others: Collection[Target]) -> bool:
     x0, y0, x1, y1 = target.box_xyxy
     boxes = [other.box_xyxy for other in others]
     return any(x0 < right and left < x1 and y0 < bottom and top < y1 for left, top, right, bottom in boxes)
 
 
-def _hidden(place: int, found: Sequence[Matte], speeds: Sequence[float]) -> NDArray[np.bool_]:
-    """Where (H, W) objects that move otherwise hide this one: what the picture shows there is theirs."""
-    hidden = np.zeros(found[place].shape, bool)
-    for other in range(place + 1, len(found)):
-        if speeds[other] != speeds[place] and ((found[other] >= 1) & (found[place] > 0)).any():
-            hidden |= found[other] > 0
+def _hidden(index: int, mattes: Sequence[Matte], speeds: Sequence[float]) -> NDArray[np.bool_]:
+    """Where (H, W) targets in front that move differently hide this one: the picture shows them there."""
+    hidden = np.zeros(mattes[index].shape, bool)
+    for other in range(index + 1, len(mattes)):
+        if speeds[other] != speeds[index] and ((mattes[other] >= 1) & (mattes[index] > 0)).any():
+            hidden |= mattes[other] > 0
     return cutting.hole_of(hidden) if hidden.any() else hidden
 
 
 def _of_picture(layer: Layer, light: Tensor, hidden: NDArray[np.bool_]) -> Layer:
-    """With the picture's own colours to its edge: what is mixed there with the background is the smaller error, for
-    small targets, than what is lost of their outline (3 to 5 against 11 to 17 DN for signs of 24 to 64 px). What is
-    hidden of it is invented from what shows of it, if anything does."""
+    """Keep the picture's colours up to the edge of a layer; fill hidden parts from visible ones."""
+    # The edge's pixels are mixed with the background. For small targets that is a smaller error than the outline that
+    # unmixing would lose: 3 to 5 against 11 to 17 DN for signs of 24 to 64 px.
     (left, top), (height, width) = layer.place_px, layer.alpha.shape
     within = (slice(top, top + height), slice(left, left + width))
-    own, unknown = light[..., *within], hidden[within]
+    colours, unknown = light[..., *within], hidden[within]
     if unknown.any():
         unknown = unknown | (layer.alpha.numpy() == 0)
-        own = own if unknown.all() else cutting.filled(own, unknown)
-    return replace(layer, light=own[0])
+        colours = colours if unknown.all() else cutting.filled(colours, unknown)
+    return replace(layer, light=colours[0])
 
 
 def _matte(target: Target, size: tuple[int, int]) -> Matte:
-    """Where a target is in a picture (H, W): its segmentation, else its box; all of the box of a text, since what
-    carries it is not known, but moves with it."""
-    with suppress(ValueError):  # none, of another size, or broken
+    """Where a target is in a picture (H, W): its segmentation, else its box.
+
+    A text moves with its sign or label, which no annotation outlines: its whole box is the best that is known.
+    """
+    with suppress(ValueError):  # no segmentation, one of another size, or a broken one
         matte = segmentation.of_annotation(target.annotation, size)
         if matte.any():
             return matte

@@ -39,6 +39,12 @@ def image_folder(folder: str | Location) -> PictureSet:
     """The pictures in ``folder`` and below, by name. The targets are the detections in the original pictures.
 
     Raises ``ValueError`` when the folder is missing, cannot be read or holds no picture.
+
+    >>> import numpy as np
+    >>> from blurnoise_eval import datasets
+    >>> datasets.write_picture("grey.png", np.full((60, 80, 3), 128, np.uint8))
+    >>> [picture.name for picture in datasets.image_folder(".")]
+    ['grey.png']
     """
     root = location(folder)
     pictures_in_folder, notes = pictures_below(root)

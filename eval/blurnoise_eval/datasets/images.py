@@ -227,13 +227,24 @@ def content(picture: Image) -> str:
 def read_picture(
     path: str | Location, max_megapixels: float = MOST_MEGAPIXELS, known: str | None = None
 ) -> Image:
-    """As :func:`decode`, but always (H, W, 3) RGB: what detectors take."""
+    """As :func:`decode`, but always (H, W, 3) RGB: what detectors take.
+
+    >>> import numpy as np
+    >>> write_picture("grey.png", np.full((60, 80), 128, np.uint8))
+    >>> read_picture("grey.png").shape
+    (60, 80, 3)
+    """
     picture = decode(location(path), max_megapixels, known)
     return picture if picture.ndim == 3 else np.ascontiguousarray(np.stack([picture] * 3, axis=-1))
 
 
 def eight_bit(picture: Image) -> NDArray[np.uint8]:
-    """The picture with 8 bits per channel, rounded; an 8-bit one as it is."""
+    """The picture with 8 bits per channel, rounded; an 8-bit one as it is.
+
+    >>> import numpy as np
+    >>> eight_bit(np.array([[0, 32768, 65535]], np.uint16))
+    array([[  0, 128, 255]], dtype=uint8)
+    """
     if picture.dtype == np.uint8:
         return np.asarray(picture, np.uint8)
     return np.round(picture * (255.0 / 65535.0)).astype(np.uint8)

@@ -51,7 +51,11 @@ _LAYOUTS: dict[str, tuple[Callable[[Boxes], Boxes], Callable[[Boxes], Boxes]]] =
 
 
 def shared_names(names: Iterable[str]) -> list[str]:
-    """Notes on names that several classes have: the classes are told apart by name."""
+    """Notes on names that several classes have: the classes are told apart by name.
+
+    >>> shared_names(["car", "bus", "car"])
+    ["2 classes are named 'car', and count as one"]
+    """
     counts = Counter(names)
     return [f"{n} classes are named {name!r}, and count as one" for name, n in counts.items() if n > 1]
 

@@ -45,6 +45,9 @@ def scenes(looks: Sequence[str], clusters: Sequence[str] = ()) -> NDArray[np.int
 
     A picture without a hash is a scene of its own. clusters: the name of each one's; pictures of one cluster are one
     scene, too.
+
+    >>> scenes(["f0f0f0f0f0f0f0f0", "f0f0f0f0f0f0f0f1", "", "0f0f0f0f0f0f0f0f"]).tolist()
+    [0, 0, 1, 2]
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -32,7 +32,11 @@ class Header(NamedTuple):
 
 
 def header(data: bytes) -> Header | None:
-    """What the file says; None for one of another format. Raises ``ValueError`` for a broken header."""
+    """What the file says; None for one of another format. Raises ``ValueError`` for a broken header.
+
+    >>> header(b"P5 640 480 255 ...").width
+    640
+    """
     head, kind = data[:_LARGEST_HEADER], data[1:2]
     if data[:1] != b"P" or not b"1" <= kind <= b"7" or not data[2:3].isspace():
         return None

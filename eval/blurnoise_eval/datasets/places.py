@@ -76,7 +76,11 @@ class Places:
 
 
 def ends(path: str) -> list[str]:
-    """The ends of a path, longest first, without what leads to its first folder."""
+    """The ends of a path, longest first, without what leads to its first folder.
+
+    >>> ends("/home/me/photos/a.jpg")
+    ['home/me/photos/a.jpg', 'me/photos/a.jpg', 'photos/a.jpg', 'a.jpg']
+    """
     parts = [part for part in path.split("/") if part not in ("", ".", "..")]
     first = 0 if path.startswith(("/", "../")) else 1
     return ["/".join(parts[start:]) for start in range(first, len(parts))]

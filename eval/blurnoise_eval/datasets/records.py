@@ -148,7 +148,11 @@ class PictureSet:
 
 
 def size_group(width: float, height: float, label: str) -> str:
-    """COCO's size classes: small below 32^2 px of box area, large from 96^2 px on."""
+    """COCO's size classes: small below 32^2 px of box area, large from 96^2 px on.
+
+    >>> size_group(40, 30, "car")
+    'car, medium (32-96 px)'
+    """
     area = width * height
     if area < 32**2:
         return f"{label}, small (< 32 px)"

@@ -87,6 +87,11 @@ def rendered_signs(
     What picture i shows depends on sizes, ``seed`` and i alone. reads: targets are to be read, the word STOP, a third
     of the sign in height. Raises ``TypeError`` or ``ValueError`` for sizes that do not fit, a count that is no
     integer from 1 to 10000, a seed that is none from 0 on.
+
+    >>> from blurnoise_eval import datasets
+    >>> first = datasets.rendered_signs((50,), count=1).pictures[0]
+    >>> first.load().shape, first.targets[0].group
+    ((320, 320, 3), 'stop sign 50 px')
     """
     for size in sizes_px:
         charts.stop_sign_box(size, **_FRAME)

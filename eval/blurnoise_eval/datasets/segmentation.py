@@ -19,7 +19,12 @@ _FINER = 8  # pixels of a polygon's mask along one of the picture's
 
 
 def of_box(x: float, y: float, width: float, height: float, size: tuple[int, int]) -> Matte:
-    """Matte of a rectangle in a picture (H, W): the covered area of each pixel."""
+    """Matte of a rectangle in a picture (H, W): the covered area of each pixel.
+
+    >>> of_box(0.5, 0, 2, 1, size=(2, 3))
+    array([[0.5, 1. , 0.5],
+           [0. , 0. , 0. ]], dtype=float32)
+    """
     size = picture_size("size", size)
     spans = []
     for name, start, length, most in (("x, width", x, width, size[1]), ("y, height", y, height, size[0])):
@@ -32,7 +37,12 @@ def of_box(x: float, y: float, width: float, height: float, size: tuple[int, int
 
 
 def of_polygons(polygons: Sequence[Sequence[float]], size: tuple[int, int]) -> Matte:
-    """Of polygons (x0, y0, x1, y1, ...) in a picture (H, W) the union, by the area that it takes of every pixel."""
+    """Of polygons (x0, y0, x1, y1, ...) in a picture (H, W) the union, by the area that it takes of every pixel.
+
+    >>> of_polygons([[0.5, 0, 2, 0, 2, 1, 0.5, 1]], size=(2, 2))
+    array([[0.5, 1. ],
+           [0. , 0. ]], dtype=float32)
+    """
     corners = [_corners(polygon) for polygon in polygons]
     matte = np.zeros(size, np.float32)
     all_points = np.concatenate(corners)

@@ -46,6 +46,13 @@ def texts(file: str | Location, *, images: str | Location | None = None) -> Pict
     or, for all pictures, JSON: ``[{"transcription": "STOP", "points": [[x, y], ...]}]``, px. Source: PaddleOCR,
     "text recognition" and "text detection" data sets. images: the pictures' folder, by default the file's own.
     Raises ``ValueError`` that names the file and the line.
+
+    >>> from pathlib import Path
+    >>> from blurnoise_eval import datasets
+    >>> words = '[{"transcription": "STOP", "points": [[10, 20], [40, 20], [40, 60], [10, 60]]}]'
+    >>> _ = Path("labels.txt").write_text("a.jpg\\t" + words)
+    >>> datasets.texts("labels.txt").pictures[0].targets[0].text
+    'STOP'
     """
     selection = Selection("text", file, images)
     with faults_of("labels", selection.file):

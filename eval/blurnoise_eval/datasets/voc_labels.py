@@ -74,6 +74,14 @@ def voc(
     one that stands in it, beside it or in JPEGImages, images or data beside Annotations; images: the pictures' folder
     in place of these. Boxes are corners in px; files of the VOC challenge count from 1. labels, ``keep_empty``,
     notes, sizes and errors as of :func:`blurnoise_eval.datasets.coco`; categories are numbered in alphabetical order.
+
+    >>> from pathlib import Path
+    >>> from blurnoise_eval import datasets
+    >>> box = "<xmin>10</xmin><ymin>20</ymin><xmax>40</xmax><ymax>60</ymax>"
+    >>> xml = f"<annotation><object><name>car</name><bndbox>{box}</bndbox></object></annotation>"
+    >>> _ = Path("a.xml").write_text(xml)
+    >>> datasets.voc("a.xml").pictures[0].targets[0].box_xyxy
+    (10.0, 20.0, 40.0, 60.0)
     """
     selection = Selection("voc", path, images, labels, keep_empty)
     with faults_of("labels", selection.file):

@@ -89,6 +89,18 @@ def yolo(
     before is left out with a note, as Ultralytics does. labels, ``keep_empty``, notes and errors as of
     :func:`blurnoise_eval.datasets.coco`; an error in a line names it. Source:
     https://docs.ultralytics.com/datasets/detect.
+
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from blurnoise_eval import datasets
+    >>> for folder in ("signs/images", "signs/labels"):
+    ...     Path(folder).mkdir(parents=True)
+    >>> datasets.write_picture("signs/images/a.png", np.zeros((100, 200, 3), np.uint8))
+    >>> _ = Path("signs/labels/a.txt").write_text("0 0.5 0.5 0.1 0.2")
+    >>> _ = Path("signs/data.yaml").write_text("names: [stop sign]")
+    >>> target = datasets.yolo("signs").pictures[0].targets[0]
+    >>> target.label, [round(edge) for edge in target.box_xyxy]
+    ('stop sign', [90, 40, 110, 60])
     """
     selection = Selection("yolo", path, images, labels, keep_empty, "centre x, y, width, height")
     with faults_of("labels", selection.file):

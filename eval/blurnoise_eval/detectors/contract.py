@@ -77,6 +77,10 @@ class AnchorHead:
     whether the graph has applied the sigmoids (and softmax) itself. order: of rows that hold one box each, "anchor"
     (a level's first anchor over all cells, then the next, as YOLOv5) or "cell" (a cell's anchors, then the next
     cell's). Raises ``TypeError`` or ``ValueError`` naming field, value and what is allowed.
+
+    >>> head = AnchorHead(strides=(8, 16), anchors=[[10, 13, 16, 30], [30, 61, 62, 45]])
+    >>> head.per_cell, head.anchors[0]
+    (2, ((10.0, 13.0), (16.0, 30.0)))
     """
 
     strides: Annotated[tuple[_Stride, ...], Len(1), "must be a list of integers, 1 to 1024"]
@@ -202,6 +206,13 @@ class Contract(Sourced):
     of a class is dropped, None where the graph has dropped it itself. head: the anchors of a head that has them.
     outputs: their columns, as :mod:`blurnoise_eval.detectors.outputs` has them; None of a family that computes boxes.
     Raises ``ValueError`` or ``TypeError`` naming field, value and what is allowed.
+
+    >>> Contract("yolox", ["stop sign"], colour="bgr", input_size_px=416).input_size_px
+    (416, 416)
+    >>> Contract("yolox", ["stop sign"], colour="blue")
+    Traceback (most recent call last):
+        ...
+    ValueError: colour = 'blue': must be one of 'rgb', 'bgr', 'grey'
     """
 
     EXAMPLE = (

@@ -47,7 +47,11 @@ MOST_INPUT_PIXELS = 1 << 28
 
 @dataclass(frozen=True)
 class TensorInfo:
-    """One input or output: name, shape (a name or None where it is dynamic) and onnxruntime's type."""
+    """One input or output: name, shape (a name or None where it is dynamic) and onnxruntime's type.
+
+    >>> TensorInfo("images", (1, 3, 640, 480), "tensor(float)").axes
+    'nchw'
+    """
 
     name: str
     shape: Shape

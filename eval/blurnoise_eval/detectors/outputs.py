@@ -65,7 +65,12 @@ class Output:
 
 @cache
 def parsed(text: str) -> tuple[Output, ...]:
-    """The outputs that a text states. Raises ``ValueError``."""
+    """The outputs that a text states. Raises ``ValueError``.
+
+    >>> boxes, labels = parsed("boxes: xyxy in shares, score; labels: class from 1")
+    >>> boxes.name, boxes.width(classes=80), str(labels)
+    ('boxes', 5, 'labels: class from 1')
+    """
     outputs = tuple(map(_output, filter(None, (entry.strip() for entry in text.split(";")))))
     kinds = [column.kind for output in outputs for column in output.columns]
     boxes = [kind for kind in kinds if kind in BOXES]

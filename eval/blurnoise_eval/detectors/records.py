@@ -20,6 +20,10 @@ class Detections:
     bottom). scores: (N,) in [0, 1]. class_ids: (N,) index into the contract's classes. leads: (N,) whether the class
     is the first of its box, where a box may have several; None: all are.
     Raises ``ValueError`` when shapes disagree or a value is not finite.
+
+    >>> found = Detections([[0, 0, 10, 10], [5, 5, 20, 20]], [0.4, 0.9], [0, 2])
+    >>> found.scores, found.class_ids
+    (array([0.9, 0.4], dtype=float32), array([2, 0]))
     """
 
     boxes_xyxy: NDArray[np.float32]

@@ -25,10 +25,11 @@ from blurnoise.sensor.readout import read_out
 from blurnoise_eval.calibration import fit, to_camera
 from blurnoise_eval.calibration.checks import CLIPPED
 from blurnoise_eval.calibration.fit import Measurement
-from blurnoise_eval.calibration.formats import RawLayout, refuse
+from blurnoise_eval.calibration.formats import RawLayout
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Folder
-from blurnoise_eval.calibration.listing import Frame
-from blurnoise_eval.calibration.structure import Z
+from blurnoise_eval.calibration.headers import refuse
+from blurnoise_eval.calibration.listing import FrameFile
+from blurnoise_eval.calibration.uncertain import Z
 from blurnoise_eval.measure import classifier
 from blurnoise_eval.measure.comparison import DIFFERS, Comparison, corrected
 from blurnoise_eval.measure.statistics import (
@@ -159,7 +160,7 @@ def validate(
         unlike = (
             f"camera = {camera.name}: has the colour filters {camera.sensor.cfa}, but the frames have none"
         )
-        mono = files.place is None and camera.sensor.cfa not in PLANES
+        mono = files.site is None and camera.sensor.cfa not in PLANES
         refuse(mono, f"{unlike}; use another camera, or set --cfa")
         camera = _at_gain(camera, lowest_db)
     light = _LightLine(camera, [(frames[0], _frames(files, frames)) for frames in lit])
@@ -189,7 +190,7 @@ def validate(
     return Validation(camera, fitted, corrected(comparisons), auc, pairs, notes)
 
 
-def _split(files: Folder) -> tuple[Folder, list[list[Frame]], list[str]]:
+def _split(files: Folder) -> tuple[Folder, list[list[FrameFile]], list[str]]:
     """The half of the levels to fit, the levels to compare, and notes."""
     few = f"frames: {len(files.flat)} flat levels; must be {FEWEST_FLAT_FITTED} or more without --camera"
     refuse(len(files.flat) < FEWEST_FLAT_FITTED, f"{few}, as a camera is fitted on every other one")
@@ -219,7 +220,7 @@ def _at_gain(camera: Camera, lowest_db: float) -> Camera:
     return camera.at_gain(lowest_db - zero_db).camera
 
 
-def _frames(files: Folder, frames: Sequence[Frame]) -> Floats:
+def _frames(files: Folder, frames: Sequence[FrameFile]) -> Floats:
     """The frames of a level (N, H, W), of large ones the middle."""
     planes = np.stack([*files.planes(frames)]).astype(np.float64)
     top, left = (
@@ -241,7 +242,7 @@ class _LightLine:
     scatter: relative standard deviation of the levels about the line.
     """
 
-    def __init__(self, camera: Camera, levels: Sequence[tuple[Frame, Floats]]) -> None:
+    def __init__(self, camera: Camera, levels: Sequence[tuple[FrameFile, Floats]]) -> None:
         self._camera = camera
         self._photons = all(frame.photons_per_px is not None for frame, _ in levels)
         known = [
@@ -259,24 +260,24 @@ class _LightLine:
             off = electrons / (self._slope * x + self._offset) - 1
             self.scatter = math.sqrt(float((off * off).sum()) / (len(x) - 2))
 
-    def electrons(self, frame: Frame, mean_dn: float) -> float:
+    def electrons(self, frame: FrameFile, mean_dn: float) -> float:
         """Mean photo-electrons of a level, by the line, or without one by the frames' own mean."""
         if frame.kind == "dark":
             return 0.0
         line = self._slope * self._x(frame) + self._offset if self.fitted else self._measured(frame, mean_dn)
         return max(0.0, float(line))
 
-    def _x(self, frame: Frame) -> float:
+    def _x(self, frame: FrameFile) -> float:
         return float(frame.photons_per_px or 0.0) if self._photons else frame.exposure_s
 
-    def _measured(self, frame: Frame, mean_dn: float) -> float:
+    def _measured(self, frame: FrameFile, mean_dn: float) -> float:
         """Electrons of a mean, without black level and dark charge."""
         camera = self._camera
         charge = (mean_dn - camera.sensor.black_level_dn) / camera.sensor.system_gain_dn_per_e
         return charge - dark_electrons(camera, frame.exposure_s, camera.sensor.dark_reference_c)
 
 
-def _simulated(camera: Camera, frame: Frame, real: FrameStack, light: _LightLine, seed: int) -> Floats:
+def _simulated(camera: Camera, frame: FrameFile, real: FrameStack, light: _LightLine, seed: int) -> Floats:
     """As many frames as there are real ones."""
     electrons = light.electrons(frame, real.mean_dn)
     shading = np.ones_like(real.mean)

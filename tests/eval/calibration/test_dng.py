@@ -3,8 +3,8 @@
 import made_frames
 import numpy as np
 import pytest
+from blurnoise_eval.calibration.dng import camera_of_dng
 from blurnoise_eval.calibration.formats import format_of, read_plane
-from blurnoise_eval.calibration.to_camera import camera_of_dng
 
 PLANE = np.full((48, 64), 500, np.uint16)
 GAIN, READ_E, BLACK, WHITE = 0.4, 3.0, 64, 4095
@@ -83,11 +83,11 @@ def test_letters_of_frames_are_those_of_what_is_read(tmp_path, area, letters):
     plane = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64)
     tags = {50829: (4, area), 50712: (3, tuple(range(48 * 64)))}
     made_frames.write_dng(tmp_path / "a.dng", plane, tags)
-    read, taken = read_plane(tmp_path / "a.dng"), format_of(tmp_path / "a.dng").taken(tmp_path / "a.dng")
+    read, header = read_plane(tmp_path / "a.dng"), format_of(tmp_path / "a.dng").header(tmp_path / "a.dng")
     row, column = divmod(int(read[0, 0]), 64)
     pattern = "RGGB"[2 * ((row - area[0]) % 2) + (column - area[1]) % 2]
-    assert (taken["cfa"], taken["cfa"][0]) == (letters, pattern)
-    assert taken["notes"] == [
+    assert (header.cfa, header.cfa[0]) == (letters, pattern)
+    assert header.notes == [
         "a LinearizationTable spreads 3072 stored numbers to 3071: noise near black is of those steps"
     ]
 

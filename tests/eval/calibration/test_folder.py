@@ -52,7 +52,7 @@ def test_gain_light_and_temperature_reach_the_levels(tmp_path):
     high = files.at_gain(6.0)
     assert (len(high.dark), len(high.flat)) == (4, 4)
     level, _ = level_of(high.planes(high.flat[1]), high.flat[1][0])
-    assert level.temperature_c == 33
+    assert level.taken.temperature_c == 33
     assert str(level) == "flat 50 ms, 120.5 lx, 525 nm, 6 dB"
     assert measure(tmp_path).estimates["system_gain_dn_per_e"].value == pytest.approx(0.4, rel=0.05)
 
@@ -85,7 +85,7 @@ MOSAICS = {
 @pytest.mark.parametrize(("shares", "place", "noticed"), MOSAICS.values(), ids=MOSAICS)
 def test_a_mosaic_is_noticed(tmp_path, shares, place, noticed):
     files = Folder(mosaic(tmp_path / "frames", shares))
-    assert (files.place, files.cfa, files.size_px) == (place, noticed, (160, 128))
+    assert (files.site, files.cfa, files.size_px) == (place, noticed, (160, 128))
     assert next(files.planes(files.flat[0])).shape == ((64, 80) if place else (128, 160))
 
 

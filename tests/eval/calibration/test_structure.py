@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 from blurnoise_eval.calibration.fit import measure
-from blurnoise_eval.calibration.structure import Stack, dark_pattern, fixed
+from blurnoise_eval.calibration.patterns import common_variances, dark_lines
+from blurnoise_eval.calibration.temporal import FrameMeans
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "real" / "emva_ccd"
 SPATIAL_S, SPATIAL_PHOTONS = 0.00516, 15508.0
@@ -97,12 +98,12 @@ def test_the_package_of_the_standard_finds_the_same(tmp_path, monkeypatch):
     assert 100 * found["prnu"].value == pytest.approx(theirs.PRNU1288_pixel, rel=0.03)
     stacks = {}
     for letter in "bd":
-        stacks[letter] = Stack()
+        stacks[letter] = FrameMeans()
         planes = [cv2.imread(str(REAL / name), cv2.IMREAD_UNCHANGED) for name in stack_of(letter)]
-        list(stacks[letter].passing(planes))
+        list(stacks[letter].add(planes))
     signal = np.subtract(*(np.mean(stacks[letter].halves) for letter in "bd"))
     one, other = (half - half.mean() for half in stacks["b"].halves)
-    light, unlit = fixed(one, other), dark_pattern(stacks["d"].halves)
+    light, unlit = common_variances(one, other), dark_lines(stacks["d"].halves)
     assert 100 * math.sqrt(light.row[0]) / signal == pytest.approx(theirs.PRNU1288_row, rel=0.03)
     column = math.sqrt(light.column[0] - unlit.column[0])
     assert 100 * column / signal == pytest.approx(theirs.PRNU1288_col, rel=0.03)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from blurnoise_eval.calibration import tone
+from blurnoise_eval.calibration.tone import measure_tone
 from blurnoise_eval.datasets import decode, write_picture
 from commands import main
 from PIL import Image
@@ -50,7 +50,7 @@ CURVES = [
 
 @pytest.mark.parametrize(("curve", "noise"), CURVES, ids=["gamma", "shoulder", "noisy", "linear"])
 def test_a_bracket_gives_the_curve_within_a_hundredth(tmp_path, curve, noise):
-    found = tone.of(bracket(tmp_path / "bracket", curve, noise))
+    found = measure_tone(bracket(tmp_path / "bracket", curve, noise))
     assert np.abs(np.interp(GRID, *np.array(found.points).T) - curve(GRID)).max() < 0.01
     assert found.doubts == ()
     residual = float(
@@ -82,7 +82,7 @@ def test_a_grey_scale_gives_it_too(tmp_path):
     light = 0.9 * 10 ** -np.linspace(1.7, 0, 12)
     rows = [f"{round(255 * value)},{each}" for value, each in zip(shouldered(light), light, strict=True)]
     (tmp_path / "scale.csv").write_text("\n".join(["number,light", *rows]))
-    found = tone.of(tmp_path / "scale.csv")
+    found = measure_tone(tmp_path / "scale.csv")
     assert np.abs(np.interp(GRID, *np.array(found.points).T) - shouldered(GRID)).max() < 0.01
 
 
@@ -95,7 +95,7 @@ def test_exposures_are_those_of_exif(tmp_path):
         exif = Image.Exif()
         exif.get_ifd(0x8769).update({33434: time, 34855: iso})
         picture.save(tmp_path / f"{number}.jpg", exif=exif, quality=98)
-    found = tone.of(tmp_path)
+    found = measure_tone(tmp_path)
     assert np.abs(np.interp(GRID, *np.array(found.points).T) - shouldered(GRID)).max() < 0.015
 
 
@@ -105,7 +105,7 @@ def test_a_wrong_exposure_time_is_doubted(tmp_path):
     (folder / "frames.csv").write_text(
         rows.replace(",", ";").replace(";0.", ";0,")
     )  # as Excel has it elsewhere
-    found = tone.of(folder)
+    found = measure_tone(folder)
     assert [doubt.split(":")[0] for doubt in found.doubts if "exposure time" in doubt] == ["2.png"]
     assert found.doubts[0] in found.known["tone"][1]
 
@@ -126,4 +126,4 @@ def test_what_is_no_bracket_is_refused(tmp_path, times, rows, why):
     if rows == "":
         (folder / "frames.csv").unlink()
     with pytest.raises(ValueError, match=why):
-        tone.of(folder)
+        measure_tone(folder)

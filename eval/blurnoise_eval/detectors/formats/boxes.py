@@ -64,7 +64,11 @@ class Candidates:
 
 
 def best_class(class_scores: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return the highest score of each row of (N, classes) and its column; a row with a NaN gives NaN."""
+    """Return the highest score of each row of (N, classes) and its column; a row with a NaN gives NaN.
+
+    >>> best_class(np.array([[0.1, 0.7], [0.5, 0.2]], np.float32))
+    (array([0.7, 0.5], dtype=float32), array([1, 0]))
+    """
     if class_scores.shape[1] == 1:
         return class_scores[:, 0], np.zeros(len(class_scores), np.int64)
     class_ids = class_scores.argmax(axis=1)
@@ -72,7 +76,11 @@ def best_class(class_scores: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]
 
 
 def sigmoid(logits: FloatArray) -> FloatArray:
-    """Return 1 / (1 + exp(-x)), without overflow."""
+    """Return 1 / (1 + exp(-x)), without overflow.
+
+    >>> sigmoid(np.array([-1000.0, 0.0], np.float32))
+    array([0. , 0.5], dtype=float32)
+    """
     return np.asarray(0.5 * (1 + np.tanh(logits / 2)), np.float32)
 
 
@@ -111,6 +119,11 @@ def suppress(
     A box is dropped where a kept box of its class with a higher score overlaps it by more than ``nms_iou``; none
     where that is None. ``per_class``: at most so many of one class, by default all. Runs onnxruntime's own
     NonMaxSuppression on the strongest first: weaker ones cannot change what these leave.
+
+    >>> boxes = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [50, 50, 60, 60]], np.float32)
+    >>> scores = np.array([0.9, 0.8, 0.7], np.float32)
+    >>> suppress(Candidates(boxes, scores, np.zeros(3, np.int64)), 0.5, 100).scores
+    array([0.9, 0.7], dtype=float32)
     """
     order = np.argsort(-candidates.scores, kind="stable")
     if nms_iou is None or len(order) <= 1:
@@ -157,6 +170,10 @@ class Placement:
     """Where a picture of ``width_px`` x ``height_px`` lies in the network's input.
 
     Convention: input x = picture x · scale_x + left_px, edges at integers; y likewise.
+
+    >>> half = Placement(1280, 720, scale_x=0.5, scale_y=0.5, left_px=0, top_px=140)
+    >>> half.to_picture(np.array([[100, 240, 200, 340]], np.float32))
+    array([[200., 200., 400., 400.]], dtype=float32)
     """
 
     width_px: int

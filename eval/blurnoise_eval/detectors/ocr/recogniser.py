@@ -154,6 +154,10 @@ def decode(probabilities: FloatArray, classes: Sequence[str]) -> Reading:
 
     Convention: a class that comes again after a blank is a second character. The confidence is the mean of
     the probabilities at the first step of each character.
+
+    >>> steps = np.eye(4, dtype=np.float32)[[1, 1, 0, 1, 2]]  # S, S, blank, S, T
+    >>> decode(steps, characters("S\\nT"))
+    Reading(text='SST', confidence=1.0)
     """
     best = probabilities.argmax(axis=1)
     kept = best != 0
@@ -173,6 +177,9 @@ def character_error_rate(read: str, truth: str) -> float:
     """Return the insertions, deletions and substitutions that turn ``read`` into ``truth``, per character of it.
 
     Upper and lower case differ. Convention: where there is no text, reading none is 0, and reading any is 1.
+
+    >>> character_error_rate("ST0P", "STOP")
+    0.25
     """
     return Levenshtein.distance(read, truth) / len(truth) if truth else float(bool(read))
 
