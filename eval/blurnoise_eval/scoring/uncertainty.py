@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from blurnoise_eval.store.columns import WithInterval
+
 FEWEST = 8
 """Clusters below which there is no interval and no verdict. Where sizes differ, counted as :func:`effective`."""
 FEW = 20
@@ -220,10 +222,9 @@ def interval_of(estimate: Estimate, most: float | None) -> tuple[float | None, f
     return low if cautious is None else min(low, cautious), high
 
 
-def columns(estimate: Estimate, name: str, most: float) -> dict[str, float | None]:
-    """An estimate as columns of a table: NAME, NAME_low, NAME_high."""
-    low, high = interval_of(estimate, most)
-    return {name: estimate.value, f"{name}_low": low, f"{name}_high": high}
+def with_interval(estimate: Estimate, most: float) -> WithInterval:
+    """An estimate as rows have it."""
+    return WithInterval(estimate.value, *interval_of(estimate, most))
 
 
 def bounded(mean: ArrayLike, influence: ArrayLike, within: tuple[ArrayLike, ArrayLike]) -> Ends:

@@ -146,9 +146,19 @@ class WithInterval(NamedTuple):
     low: float | None = None
     high: float | None = None
 
+    @property
+    def known(self) -> float:
+        """The number. Raises ``ValueError`` where it is unknown."""
+        if self.value is None:
+            raise ValueError("value: is unknown")
+        return self.value
+
     def columns(self, name: str) -> dict[str, float | None]:
         """By column."""
         return {name: self.value, f"{name}_low": self.low, f"{name}_high": self.high}
+
+
+UNKNOWN = WithInterval()
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import windows
-from blurnoise_eval.answers.exposure_window import recommended
+from blurnoise_eval.answers.exposure_window import answers, recommended
 from blurnoise_eval.answers.limits import Line, of_best, of_window
 from blurnoise_eval.answers.recommendation import NEAR
 from hypothesis import given
 from hypothesis import strategies as st
-from made_tables import answers, curve, table
+from made_tables import curve, table
 from scipy import stats
 
 DECADES_S = (0.001, 0.01, 0.1, 1.0)
