@@ -147,7 +147,7 @@ def matte_of(masks: Tensor) -> Matte | None:
 def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: float) -> Cut:
     """Cut a picture (1, C, H, W) in linear light into the background and the matte's objects at a velocity (2,).
 
-    All objects of a picture move alike, so the union of its masks is enough. Objects whose paths meet share one
+    All objects of a picture move alike, so the union of its masks is enough. Objects whose paths overlap share one
     layer, which is faster.
     """
     covered = (matte > 0).astype(np.uint8)
