@@ -159,8 +159,8 @@ class Displacement:
         return begin + sums(durations), knots - origin
 
     def even(self, window: Window) -> tuple[Tensor, Tensor]:
-        """Displacement (2, h, 1 or w) of a window's pixels, without the path: at the middle of each row's exposure, and
-        during it."""
+        """Displacement (2, h, 1 or w) of a window's pixels without the path: at the middle of each row's exposure,
+        and during it."""
         if self.flows:
             base, along = self._flow
             return base[:, *window.within], along[:, *window.within]
