@@ -189,7 +189,6 @@ NAMED_TWICE: dict[str, set[str]] = {
         "blurnoise_eval.datasets.netpbm",
     },
     "Layout": {"blurnoise.blur.fourier", "blurnoise_eval.detectors.formats.family"},
-    "Line": {"blurnoise.metrics.edge.place", "blurnoise_eval.run.search_space"},
     "Objects": {
         "blurnoise.light.motion",
         "blurnoise_eval.datasets.yolo_labels",
