@@ -30,7 +30,6 @@ LONGEST_LINES = 450
 MOST_PARAMETERS = 10
 WITH_MORE_PARAMETERS = {
     "blurnoise.scene.simulate.simulate",  # a keyword for each condition, for those who know no record yet
-    "blurnoise.scene.plan.plan",
 }
 """Functions that may have more; commands may, too: their parameters are the arguments and options of the command."""
 
@@ -189,14 +188,8 @@ NAMED_TWICE: dict[str, set[str]] = {
         "blurnoise_eval.datasets.netpbm",
     },
     "Layout": {"blurnoise.blur.fourier", "blurnoise_eval.detectors.formats.family"},
-    "Objects": {
-        "blurnoise.light.motion",
-        "blurnoise_eval.datasets.yolo_labels",
-        "blurnoise_eval.plan.objects",
-    },
-    "Response": {"blurnoise.blur.fourier", "blurnoise.metrics.edge.response"},
+    "Objects": {"blurnoise.light.motion", "blurnoise_eval.datasets.yolo_labels"},
     "Scene": {"blurnoise.scene.scene", "blurnoise_eval.datasets.rendered", "blurnoise_models.scenes.compose"},
-    "Setting": {"blurnoise.scene.metering", "blurnoise_eval.plan.settings"},
 }
 """Names that stand for several classes all the same, and where; no further ones."""
 

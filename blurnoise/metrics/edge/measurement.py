@@ -20,7 +20,7 @@ from blurnoise.metrics.edge import faults, position, response
 from blurnoise.metrics.edge.faults import Shape
 from blurnoise.metrics.edge.hidden import hidden_faults
 from blurnoise.metrics.edge.position import Sides, Upright, slope
-from blurnoise.metrics.edge.response import Response
+from blurnoise.metrics.edge.response import EdgeResponse
 from blurnoise.metrics.edge.spline import KNOT_PX, LINE_ORDER, knots_px, refine
 from blurnoise.metrics.values import Estimate, Roi, read_regions
 
@@ -298,7 +298,7 @@ def _edges(
 
 
 def _doubts(
-    shape: Shape, curve: Response, colours: Tensor, mode: Mode, mtf50: Tensor
+    shape: Shape, curve: EdgeResponse, colours: Tensor, mode: Mode, mtf50: Tensor
 ) -> tuple[dict[Flag, Tensor], Tensor]:
     """Regions for which each flag is raised, (B,) bool; and the effect of hidden faults on MTF50, (3, B)."""
     sides = shape.sides

@@ -1,4 +1,4 @@
-"""Response of an edge to spatial frequency, from its spline or by ISO 12233's steps, and the numbers read off it.
+"""EdgeResponse of an edge to spatial frequency, from its spline or by ISO 12233's steps, and the numbers read off it.
 
 Domain: frequencies in cycles/px along the edge's normal. A response is represented by its power: its squared modulus
 less the power of the noise. This has no bias, and may be negative where only noise is left.
@@ -29,7 +29,7 @@ BINS_PER_PX, ISO_LINE_ORDER, PADDING, LARGEST_CORRECTION = 4, 5, 8, 10.0  # of t
 
 
 @dataclass(frozen=True)
-class Response:
+class EdgeResponse:
     """power: (B, F), at frequencies from 0 on, evenly spaced by ``spacing`` (B,); of resamples: resampled, (B, n, F).
 
     noise: (B, F), the variance of the complex response that was taken off it, or in ``iso`` mode is in it.
@@ -61,8 +61,8 @@ class Response:
         return along / (rise.abs().clamp_min(1e-12) * mtf50)  # at 1/2, power changes as the response does
 
 
-def exact_response(spline: Spline, sides: Sides, weights: Tensor | None) -> Response:
-    """Response at FREQUENCIES of the spline, and of its resamples by ``weights`` (n, H), which carry the noise twice.
+def exact_response(spline: Spline, sides: Sides, weights: Tensor | None) -> EdgeResponse:
+    """EdgeResponse at FREQUENCIES of the spline, and of its resamples by ``weights`` (n, H), which carry the noise twice.
 
     The derivative of a cubic B-spline is a difference of two quadratic ones, hence the response is the Fourier sum
     of the coefficients' differences times sinc^3.
@@ -74,7 +74,7 @@ def exact_response(spline: Spline, sides: Sides, weights: Tensor | None) -> Resp
         drawn = spline.coefficients[:, None] + (weights - 1) @ spline.pulls  # to first order
         resampled = _modulus_squared(drawn) / taller[..., None] ** 2 - 2 * noise[:, None]
     spacing = FREQUENCIES[1].expand(len(noise))
-    return Response(spacing, _modulus_squared(spline.coefficients) - noise, noise, resampled)
+    return EdgeResponse(spacing, _modulus_squared(spline.coefficients) - noise, noise, resampled)
 
 
 def _modulus_squared(coefficients: Tensor) -> Tensor:
@@ -103,8 +103,8 @@ def _noise_power(covariance: Tensor) -> Tensor:
     return (lags @ torch.cos(angle)) * torch.sinc(KNOT_PX * FREQUENCIES) ** 6
 
 
-def iso_response(values: Tensor, noise: Tensor, weights: Tensor | None) -> Response:
-    """Response by the standard's steps, with sfrmat5's quirks: bins are filled by ceil(), and the derivative's
+def iso_response(values: Tensor, noise: Tensor, weights: Tensor | None) -> EdgeResponse:
+    """EdgeResponse by the standard's steps, with sfrmat5's quirks: bins are filled by ceil(), and the derivative's
     correction, capped at 10, counts frequencies from 1 (ISO 12233:2023, annex D; P. D. Burns, sfrmat5, 2023).
 
     values: (B, H, W), bright on the right, with noise of variance ``noise`` (B,); weights: (n, H), of resamples. The
@@ -127,7 +127,7 @@ def iso_response(values: Tensor, noise: Tensor, weights: Tensor | None) -> Respo
     held = (window / pixels.clamp_min(1)).sum(-1) * noise / line.sum(-1) ** 2
     passed = held[:, None] * (torch.sin(2 * math.pi * index / bins) * correction) ** 2
     resampled = None if weights is None else power(_line_spread(weights @ total, weights @ count))
-    return Response(BINS_PER_PX / (bins * PADDING) / cosine(position), power(line), passed, resampled)
+    return EdgeResponse(BINS_PER_PX / (bins * PADDING) / cosine(position), power(line), passed, resampled)
 
 
 def _binned(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
