@@ -148,27 +148,28 @@ def cameras_fit(
         from blurnoise_eval.system.files import write_figure
 
         layout = RawLayout.parse(raw_layout) if raw_layout else None
-        found = measure(folder, bit_depth=bit_depth, layout=layout, cfa=cfa)
-        taken = [level.taken.temperature_c for level in found.dark]
+        measured = measure(folder, bit_depth=bit_depth, layout=layout, cfa=cfa)
+        taken = [level.taken.temperature_c for level in measured.dark]
         known_c = [celsius for celsius in taken if celsius is not None]
         if temperature_c is None and known_c:
             temperature_c = sum(known_c) / len(known_c)
-        camera = to_camera.camera_of(found, output.stem, base=base, temperature_c=temperature_c)
-        lux = light.of_grey_card(found, camera, grey_card)
+        camera = to_camera.camera_of(measured, output.stem, base=base, temperature_c=temperature_c)
+        lux = light.of_grey_card(measured, camera, grey_card)
         camera = to_camera.changed(camera, lux)
         plot = output.with_suffix(".png")
-        write_figure(plot, figure.draw_fit(found, camera.name), dpi=150)
+        write_figure(plot, figure.draw_fit(measured, camera.name), dpi=150)
         table = Table(
-            "quantity", "value", "95 % interval", "unit", title=f"Photon transfer of {found.frames}"
+            "quantity", "value", "95 % interval", "unit", title=f"Photon transfer of {measured.frames}"
         )
-        for name, each, unit in found.rows():
-            interval = " to ".join(interval_texts(each)) if each else ""
-            table.add_row(name, f"{each.value:.4g}" if each else "not available", interval, unit)
-        if found.cfa and set(found.cfa) != set(camera.sensor.cfa):
+        for name, estimate, unit in measured.rows():
+            interval = " to ".join(interval_texts(estimate)) if estimate else ""
+            value = f"{estimate.value:.4g}" if estimate else "not available"
+            table.add_row(name, value, interval, unit)
+        if measured.cfa and set(measured.cfa) != set(camera.sensor.cfa):
             notes.append(
                 f"the camera file has the colour filters {camera.sensor.cfa} of its base; use --base imx250c for RGGB"
             )
-        notes += [*(f"warning: {doubt.text}" for doubt in found.doubts), *found.notes]
+        notes += [*(f"warning: {doubt.text}" for doubt in measured.doubts), *measured.notes]
         notes += [f"{name}: {source}" for name, (_, source) in lux.items()]
     if curve is not None:
         camera = to_camera.changed(camera, curve.known)
