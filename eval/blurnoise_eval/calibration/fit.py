@@ -69,6 +69,13 @@ class Measurement:
         flat, dark = (sum(level.frames for level in levels) for levels in (self.flat, self.dark))
         return f"{flat} flat and {dark} dark frames"
 
+    @property
+    def temperature_c(self) -> float | None:
+        """Mean temperature of the sensor in the dark levels, None if unknown."""
+        every = [level.taken.temperature_c for level in self.dark]
+        celsius = [temperature_c for temperature_c in every if temperature_c is not None]
+        return sum(celsius) / len(celsius) if celsius else None
+
     def rows(self) -> Iterator[tuple[str, Estimate | None, str]]:
         """Rows of a table of figures: name, estimate (None if not available) and unit."""
         for name, unit in UNITS.items():
