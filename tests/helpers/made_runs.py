@@ -1,6 +1,7 @@
 """Runs of any shape for reports: scores from a formula, answers from the package's own functions; no curves."""
 
 import math
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -9,11 +10,12 @@ import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import average_curve, averages, recommendations
+from blurnoise_eval.answers.rows import ModelRow
 from blurnoise_eval.answers.table import ORDER, ScoreTable
 from blurnoise_eval.plan.axes import FURTHER, SETTING
 from blurnoise_eval.report.run import RunData
-from blurnoise_eval.store.columns import AxisValues
-from blurnoise_eval.store.rows import Example, LabelledBox
+from blurnoise_eval.store.columns import UNKNOWN, AxisValues, WithInterval
+from blurnoise_eval.store.rows import Example, LabelledBox, ScoreRow
 from numpy.typing import NDArray
 from plans import OWN
 from stored_rows import answer, cell
@@ -60,8 +62,8 @@ def made_run(
         {**at, "clean": False, "blur_px": at["exposure_s"] * abs(at["velocity_x_px_s"])} for at in conditions
     ]
     every = [{**dict.fromkeys(exposed[0]), "clean": True}, *exposed]
-    names = ("models", "scores", "answers", "endurances", "examples", "recommendations", "averages")
-    found: dict[str, list[Row]] = {name: [] for name in names}
+    names = ("models", "scores", "answers", "curves", "examples", "recommendations", "averages")
+    found: dict[str, list[Any]] = {name: [] for name in names}
     for k, model in enumerate(models):
         best_of = {
             group: best * (1 - k / 5) for group, best in (GROUPS if groups is None else groups).items()
@@ -73,7 +75,7 @@ def made_run(
         ]
         for table in tables:
             found["answers"] += [
-                row | {"clean_score": best_of[table.group]} for row in answers(table, CRITERION)
+                replace(row, clean_score=best_of[table.group]) for row in answers(table, CRITERION)
             ]
         if tables:
             of = averages([each for table in tables for each in table.split(SETTING)], THRESHOLD)
@@ -107,33 +109,27 @@ def _table(model, group, best, conditions, pictures):
 def _score(model, kind, at, best_of):
     values = [best if at["clean"] else confidence(at, best) for best in best_of.values()]
     mean = float(np.mean(values)) if values else None
-    row: Row = dict.fromkeys((*SCORES["detector"], *SCORES["reader"]))
+    values: Row = {}
     if mean is not None:
-        row |= {name: mean * (1 - place / 20) for place, name in enumerate(SCORES[kind])}
+        values |= {name: mean * (1 - place / 20) for place, name in enumerate(SCORES[kind])}
     rate = None if mean is None else float(mean > 0.25)
+    values |= {"target_confidence": mean, "detection_rate": rate, "detection_rate_swept": rate}
+    scores = {name: WithInterval(value) for name, value in values.items()}
     shown: Row = {"applied_gain_db": 6.0, "snr_db": 25.0, "brightness": 0.4, "saturated_share": 0.01}
-    means = {"target_confidence": mean, "detection_rate": rate, "detection_rate_swept": rate}
-    return (
-        {"model": model, "n_pictures": 3}
-        | (dict.fromkeys(shown) if at["clean"] else shown)
-        | means
-        | at
-        | row
-    )
+    about = {} if at["clean"] else shown
+    return ScoreRow(model, AxisValues.of(at), at["blur_px"], 3, 3, 0, **about, scores=scores)
 
 
 def _summary(model, kind, k, scored):
     names = ("p", "mpc", "rpc", "auc_exposure", "auc_blur", "target_confidence", "ap50", "ar100")
     row: Row = {name: 0.8 - k / 10 - place / 50 if scored else None for place, name in enumerate(names)}
     row |= {"ap50": None, "ar100": None} if kind == "reader" else {}
-    row |= {
-        "model": model,
-        "kind": kind,
-        "measure": "AP",
-        "false_positives_per_image": 0.25,
-        "calibration_error": None,
-    }
-    return row | {"latency_ms": 30.0 - 8 * k, "latency_p95_ms": 36.0 - 8 * k, "latency_threads": 1}
+    row |= {"false_positives_per_image": 0.25, "calibration_error": None}
+    p, mpc, rpc = (WithInterval(row.pop(name)) for name in ("p", "mpc", "rpc"))
+    areas = row.pop("auc_exposure"), row.pop("auc_blur")
+    scores = {name: WithInterval(value) for name, value in row.items()}
+    latency = 30.0 - 8 * k, 36.0 - 8 * k, 1
+    return ModelRow(model, kind, "AP", p, mpc, rpc, *areas, scores, *latency, mpc_deficit=UNKNOWN)
 
 
 def _example(folder, index, model, kind, at, best_of):

@@ -5,7 +5,7 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from blurnoise_eval.answers import curves, exposure_window
+from blurnoise_eval.answers import curves
 from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of
 from blurnoise_eval.plan.axes import NAMES
 from blurnoise_eval.store.queries import TargetColumns
@@ -52,7 +52,7 @@ def curve(values, x, counts=1.0, *, logarithmic=True, **fields):
     """A curve of values (C, N), each of so many targets; fields: of its table."""
     each = np.broadcast_to(np.asarray(counts, float), values.shape)
     line = table((values * each)[:, :, None], x, counts=each[:, :, None], **fields)
-    return curves.Curve(line, tuple(x), logarithmic)
+    return curves.ScoreCurve(line, tuple(x), logarithmic)
 
 
 def table(
@@ -99,35 +99,6 @@ def over(of, values):
     found = np.full((*values.shape[:-1], len(exposures), len(velocities)), np.nan)
     found[..., e, v] = values
     return found
-
-
-class Named(dict[str, Any]):
-    """A row whose columns are attributes, too; ``at``: those of the axes."""
-
-    def __getattr__(self, name):
-        if name in self:
-            return self[name]
-        raise AttributeError(name)
-
-    @property
-    def at(self):
-        """The values of the axes."""
-        return {name: self[name] for name in NAMES if name in self}
-
-
-def answers(*of, **options):
-    """The answers of a table."""
-    return list(map(Named, exposure_window.answers(*of, **options)))
-
-
-def endurances(*of):
-    """The curves of a table over exposure and blur."""
-    return map(Named, curves.endurances(*of))
-
-
-def endurances_across(*of):
-    """The curves of a table over further axes."""
-    return map(Named, curves.endurances_across(*of))
 
 
 def on_plane(places, sums, counts=1.0, **fields):

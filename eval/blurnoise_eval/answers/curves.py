@@ -14,19 +14,19 @@ import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.rows import CurveRow
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.plan.axes import NAMES, SETTING, axis
 from blurnoise_eval.scoring import uncertainty
+from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]
-Row = dict[str, Any]
 Stretch = tuple[float, float]
 Bounds = tuple[float | None, float | None]
 """An interval; None at an end that lies outside the tested range, or is not known."""
@@ -50,7 +50,7 @@ def windows(x: ArrayLike, y: ArrayLike, threshold: float, logarithmic: bool = Tr
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class ScoreCurve:
     """A mean over clusters along an axis.
 
     line: a table whose N conditions are those of the tested values x, increasing. given: the interval in place of
@@ -63,7 +63,7 @@ class Curve:
     given: uncertainty.Ends | None = None
 
     @classmethod
-    def over(cls, name: str, line: ScoreTable) -> Curve:
+    def over(cls, name: str, line: ScoreTable) -> ScoreCurve:
         """Of a line of a table over an axis."""
         return cls(line, tuple(line.conditions[name].tolist()), axis(name).logarithmic)
 
@@ -170,7 +170,9 @@ class Curve:
         return None if low == self.x[-1] else low, None if high == self.x[-1] else high
 
 
-def endurances(table: ScoreTable, criterion: Criterion, exposures_s: Collection[float] = ()) -> Iterator[Row]:
+def endurances(
+    table: ScoreTable, criterion: Criterion, exposures_s: Collection[float] = ()
+) -> Iterator[CurveRow]:
     """Of each setting every curve through at least two points, as :func:`_endurance` has it: over exposure, then over
     blur, at each exposure or, if there are any, those of ``exposures_s`` alone."""
     for setting in table.take(table.measured).split(SETTING):
@@ -182,10 +184,10 @@ def endurances(table: ScoreTable, criterion: Criterion, exposures_s: Collection[
                 continue
             merged = at_once.merged(place)  # directions of one speed: one point
             x = tuple((speeds * exposure_s).tolist())  # straight in px, since pictures at rest have none
-            yield _endurance(Curve(merged, x), BLUR, ("exposure_s", *SETTING), criterion)
+            yield _endurance(ScoreCurve(merged, x), BLUR, ("exposure_s", *SETTING), criterion)
 
 
-def endurances_across(table: ScoreTable, criterion: Criterion) -> Iterator[Row]:
+def endurances_across(table: ScoreTable, criterion: Criterion) -> Iterator[CurveRow]:
     """Every curve through at least two points over an axis of the setting on which a detector fails, at one exposure
     and velocity."""
     for name in SETTING:
@@ -193,38 +195,43 @@ def endurances_across(table: ScoreTable, criterion: Criterion) -> Iterator[Row]:
             yield from _along(table.take(table.measured), name, criterion)
 
 
-def _along(table: ScoreTable, name: str, criterion: Criterion) -> Iterator[Row]:
+def _along(table: ScoreTable, name: str, criterion: Criterion) -> Iterator[CurveRow]:
     for line in table.along(name):
         if len(line) > 1:
             fixed = [each for each in NAMES if each != name]
-            yield _endurance(Curve.over(name, line), name, fixed, criterion)
+            yield _endurance(ScoreCurve.over(name, line), name, fixed, criterion)
 
 
-def _endurance(curve: Curve, over: str, fixed: Collection[str], criterion: Criterion) -> Row:
-    """How one curve holds: mean confidence against one axis, or blur, all else staying as it is.
+def _endurance(curve: ScoreCurve, over: str, fixed: Collection[str], criterion: Criterion) -> CurveRow:
+    """How one curve holds: the score against one axis, or blur, all ``fixed`` axes staying as they are.
 
-    axis: the name of an axis or "blur_px"; the axes have columns, None on those that are not ``fixed``. auc: area
-    under the curve over the range of x, so the mean confidence over it. fails_at: where the curve falls below the
-    criterion for good (x[0]: it is below throughout), None where it does not within the range. Intervals at 95 %
-    over ``n_pictures`` clusters: auc_low, auc_high; fails_low, fails_high, None at an end that is not reached within
-    the range, and from too few. non_monotonic: the curve had been below and come back.
+    fails_at: x[0] where the curve is below the criterion throughout. Ends of intervals are None where they are not
+    reached within the range.
     """
     line, windows = curve.line, curve.windows(criterion.level)
-    at = {name: value if name in fixed else None for name, value in line.at(0).items()}
-    first = {"illuminance_lux": at["illuminance_lux"], "axis": over}
+    at = AxisValues.of({name: value for name, value in line.at(0).items() if name in fixed})
     above = line.mean >= criterion.level
-    auc, of_auc = curve.area()
-    return {"model": line.model, "group": line.group, **first, **at} | {
-        "x": curve.x,
-        "confidence": tuple(line.mean.tolist()),
-        "auc": auc,
-        "fails_at": None if above[-1] else windows[-1][1] if windows else curve.x[0],
-        **dict(zip(("fails_low", "fails_high"), curve.fails_between(criterion.level), strict=True)),
-        "non_monotonic": bool((above[1:] & ~above[:-1]).any()),
-        **dict(zip(("auc_low", "auc_high"), of_auc, strict=True)),
-        **{name: line.sizes[name] for name in ("n_pictures", "few_pictures")},
-        "criterion": criterion.text,
-    }
+    auc, (auc_low, auc_high) = curve.area()
+    fails_low, fails_high = curve.fails_between(criterion.level)
+    return CurveRow(
+        model=line.model,
+        group=line.group,
+        illuminance_lux=at["illuminance_lux"],
+        axis=over,
+        conditions=at,
+        x=curve.x,
+        confidence=tuple(line.mean.tolist()),
+        auc=auc,
+        fails_at=None if above[-1] else windows[-1][1] if windows else curve.x[0],
+        fails_low=fails_low,
+        fails_high=fails_high,
+        non_monotonic=bool((above[1:] & ~above[:-1]).any()),
+        auc_low=auc_low,
+        auc_high=auc_high,
+        n_pictures=line.sizes["n_pictures"],
+        few_pictures=line.sizes["few_pictures"],
+        criterion=criterion.text,
+    )
 
 
 def _coordinate(x: ArrayLike, logarithmic: bool) -> tuple[Array, bool]:

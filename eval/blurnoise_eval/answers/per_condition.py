@@ -15,7 +15,7 @@ from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.evaluated import NO_ANSWERS, NO_TRUTH, Evaluated, Truth
 from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.scores import of_conditions
-from blurnoise_eval.scoring.uncertainty import MOST_CLUSTERS, Array, Estimate, columns
+from blurnoise_eval.scoring.uncertainty import MOST_CLUSTERS, Array, ClusterEstimate, with_interval
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.queries import TargetColumns, target_columns
@@ -32,10 +32,40 @@ class Scored(NamedTuple):
     """A row of scores, and the estimate that P, mPC and rPC are made of, its clusters those of every row; a score by
     the size of targets, if asked for, and how many of these there are."""
 
-    row: dict[str, Any]
-    performance: Estimate
-    sizes: Mapping[str, Estimate]
+    row: ScoreRow
+    performance: ClusterEstimate
+    sizes: Mapping[str, ClusterEstimate]
     n_targets: Mapping[str, int]
+
+    def document(self) -> dict[str, Any]:
+        """As JSON has it, which knows no NaN: a cluster that was not measured is null."""
+        return {
+            "row": self.row.stored(),
+            "scores": [*self.row.scores],
+            "performance": _estimate_document(self.performance),
+            "sizes": {size: _estimate_document(estimate) for size, estimate in self.sizes.items()},
+            "n_targets": self.n_targets,
+        }
+
+    @classmethod
+    def of_document(cls, document: Mapping[str, Any]) -> Scored:
+        """The inverse of :meth:`document`."""
+        sizes = {size: _estimate_of(estimate) for size, estimate in document["sizes"].items()}
+        row = ScoreRow.of_columns(document["row"], document["scores"])
+        return cls(row, _estimate_of(document["performance"]), sizes, document["n_targets"])
+
+
+def _estimate_document(of: ClusterEstimate) -> list[Any]:
+    influence = None
+    if of.influence is not None:
+        influence = [None if math.isnan(away) else away for away in of.influence.tolist()]
+    return [of.value, influence, None if of.cautious is None else _estimate_document(of.cautious)]
+
+
+def _estimate_of(document: Sequence[Any]) -> ClusterEstimate:
+    value, influence, cautious = document
+    away = None if influence is None else np.array(influence, float)
+    return ClusterEstimate(value, away, None if cautious is None else _estimate_of(cautious))
 
 
 class Condition(NamedTuple):
@@ -85,9 +115,10 @@ def scored(
             boxes = (None, None) if as_set.original else moves(as_set)
             answers = NO_ANSWERS if truth is None else queries.answers_at(store, model, row.conditions)
             evaluated = Evaluated(sums, truth or NO_TRUTH, answers, *boxes, clusters)
-            found = replace(row, conditions=as_set).stored()
-            for score in of_conditions():
-                found |= columns(score.estimate(evaluated), score.name, score.most)
+            scores = {
+                score.name: with_interval(score.estimate(evaluated), score.most) for score in of_conditions()
+            }
+            found = replace(row, conditions=as_set, scores=scores)
             performance = evaluated.mean("exact_match") if truth is None else evaluated.average()
             sizes = {size: of_sizes(evaluated, size) for size in SIZES} if of_sizes else {}
             yield Scored(found, performance, sizes, evaluated.targets_by_size if of_sizes else {})

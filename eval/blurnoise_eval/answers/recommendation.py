@@ -13,24 +13,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from blurnoise_eval.answers.rows import AverageCurve, RecommendationRow
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.plan.axes import EGO, EGO_SPEED, GAIN, SETTING
 from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.scoring.uncertainty import ratio_of_sums
+from blurnoise_eval.store.columns import AxisValues, WithInterval
 from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 Setting = tuple[float, ...]
 Velocity = tuple[float, float]
-Row = dict[str, Any]
 NEAR = 0.005
 """Exposures whose values differ by less are equally good."""
 SATURATED = 0.1
@@ -84,6 +84,26 @@ def without_saturated(values: ArrayLike, saturated: ArrayLike, level: float) -> 
 
 
 @dataclass(frozen=True, eq=False)
+class Choice:
+    """An exposure for some conditions.
+
+    conditions: their indices. gain_db: where it is one for all. score: the mean over them. verdict: "works", "fails",
+    "cannot tell". regret: how much more the best exposure of each condition would keep. saturated_share: the largest,
+    None where unknown. n_works, n_fails: in how many the level is surely reached, surely missed.
+    """
+
+    conditions: Places
+    gain_db: float | None
+    exposure_s: float
+    score: WithInterval
+    verdict: str
+    regret: float
+    saturated_share: float | None
+    n_works: int
+    n_fails: int
+
+
+@dataclass(frozen=True, eq=False)
 class Averages:
     """What one model reaches, averaged over target groups, by condition and exposure.
 
@@ -111,17 +131,13 @@ class Averages:
         both = zip((setting[_EGO] for setting in self.settings), self.velocities_px_s, strict=True)
         return [float(EGO_SPEED.of({EGO.name: ego})) if ego else math.hypot(*v) for ego, v in both]
 
-    def choose(self, places: Iterable[int] | None = None) -> Row | None:
+    def choose(self, conditions: Iterable[int] | None = None) -> Choice | None:
         """The exposure to use under these conditions (all by default); None where no exposure was tested in all.
 
-        Of several gains that were tested at a light, the one that keeps most is used. score: the mean over the
-        ``n_conditions``; score_low, score_high: its 95 % interval, errors of prediction as if they were all alike,
-        None from too few pictures. verdict: "works", "fails", "cannot tell". regret: how
-        much more the best exposure of each condition would keep. saturated_share: the largest of the conditions, None
-        where unknown. n_works, n_fails: in how many conditions the level is surely reached, surely missed.
-        gain_db: where it is one.
+        Of several gains that were tested at a light, the one that keeps most is used. The interval takes errors of
+        prediction as if they were all alike.
         """
-        every, counted = self._line(range(len(self.settings)) if places is None else places)
+        every, counted = self._line(range(len(self.settings)) if conditions is None else conditions)
         e = best_exposure(self.exposures_s, counted)
         if e is None:
             return None
@@ -136,20 +152,18 @@ class Averages:
         together = uncertainty.of_level(value.mean(), mean, most.mean(), sigma.mean(), effective.min())
         best = np.nanmax(without_saturated(self.value[own], self.saturated[own], self.level), axis=1)
         gains = {self.settings[place][_GAIN] for place in own}
-        return {
-            GAIN.name: gains.pop() if len(gains) == 1 else None,
-            "exposure_s": self.exposures_s[e],
-            "score": float(value.mean()),
-            "score_low": finite(float(together.low)),
-            "score_high": finite(float(together.high)),
-            "verdict": self._verdict(*map(float, together)),
-            "regret": float(np.maximum(best - value, 0.0).mean()),
-            "saturated_share": finite(float(np.fmax.reduce(share))),
-            "n_works": verdicts.count(SURE),
-            "n_fails": verdicts.count(FAILS),
-            "n_conditions": len(own),
-            "places": own,
-        }
+        low, high = map(float, together)
+        return Choice(
+            conditions=own,
+            gain_db=gains.pop() if len(gains) == 1 else None,
+            exposure_s=self.exposures_s[e],
+            score=WithInterval(float(value.mean()), finite(low), finite(high)),
+            verdict=self._verdict(low, high),
+            regret=float(np.maximum(best - value, 0.0).mean()),
+            saturated_share=finite(float(np.fmax.reduce(share))),
+            n_works=verdicts.count(SURE),
+            n_fails=verdicts.count(FAILS),
+        )
 
     def next_exposure(self) -> float | None:
         """The exposure to test next under all conditions, nearer to the one that keeps most; None where it is near.
@@ -181,7 +195,7 @@ class Averages:
         """Of averages that are predicted the exposure to measure next under all conditions: the one to use, unless
         one that was measured is ``CLOSE`` to it."""
         choice = self.choose()
-        exposure_s = None if choice is None else choice["exposure_s"]
+        exposure_s = None if choice is None else choice.exposure_s
         if exposure_s is None or any(abs(math.log2(exposure_s / each)) < CLOSE for each in measured_s):
             return None
         return float(f"{exposure_s:.3g}")
@@ -249,55 +263,75 @@ def averages(tables: Sequence[ScoreTable], level: float, *, monotone: bool = Fal
     )  # fmt: skip
 
 
-def recommendations(of: Averages) -> list[Row]:
+def recommendations(of: Averages) -> list[RecommendationRow]:
     """Rows: one for all conditions, one for each light (and what else varies) over all speeds, one for each speed
-    there. Axes and speed are None where a row is an average over them; a chosen gain is given.
-    score_at_overall_exposure: what the one for all conditions keeps there, None where it was not tested there."""
+    there. Axes and speed are None where a row is an average over them; a chosen gain is given. The score at the
+    overall exposure is None where that was not tested there."""
     lights = [_without(setting, _GAIN, _EGO) for setting in of.settings]
     speeds = of.speeds
     whole = of.choose()
-    common = None if whole is None else of.exposures_s.index(whole["exposure_s"])
+    common = None if whole is None else of.exposures_s.index(whole.exposure_s)
 
-    def rows(scope: str, light: Setting | None, speed: float | None, places: Iterable[int]) -> list[Row]:
-        choice = of.choose(places)
+    def rows(
+        scope: str, light: Setting | None, speed: float | None, conditions: Iterable[int]
+    ) -> list[RecommendationRow]:
+        choice = of.choose(conditions)
         if choice is None:
             return []
-        held = choice.pop("places")
-        at_overall = None if common is None else finite(float(of.value[held, common].mean()))
-        axes = dict(zip(SETTING, light or [None] * len(SETTING), strict=True))
-        axes |= {GAIN.name: choice.pop(GAIN.name), EGO.name: None}
-        row = {"model": of.model, "scope": scope, **axes, "speed": speed, **choice}
-        return [{**row, "score_at_overall_exposure": at_overall}]
+        at: dict[str, float | None] = {} if light is None else dict(zip(SETTING, light, strict=True))
+        at |= {GAIN.name: choice.gain_db, EGO.name: None}
+        row = RecommendationRow(
+            model=of.model,
+            scope=scope,
+            conditions=AxisValues.of(at),
+            speed=speed,
+            exposure_s=choice.exposure_s,
+            score=choice.score,
+            verdict=choice.verdict,
+            regret=choice.regret,
+            saturated_share=choice.saturated_share,
+            n_works=choice.n_works,
+            n_fails=choice.n_fails,
+            n_conditions=len(choice.conditions),
+            score_at_overall_exposure=None
+            if common is None
+            else finite(float(of.value[choice.conditions, common].mean())),
+        )
+        return [row]
 
     every = rows("all", None, None, range(len(lights)))
     for light in sorted(set(lights)):
-        here = [place for place, each in enumerate(lights) if each == light]
+        here = [index for index, each in enumerate(lights) if each == light]
         by_speed = [
             row
-            for speed in sorted({speeds[place] for place in here})
-            for row in rows("condition", light, speed, [place for place in here if speeds[place] == speed])
+            for speed in sorted({speeds[index] for index in here})
+            for row in rows("condition", light, speed, [index for index in here if speeds[index] == speed])
         ]
-        if of.monotone:
-            _nest(by_speed)
-        every += rows("light", light, None, here) + by_speed
+        every += rows("light", light, None, here) + (_nested(by_speed) if of.monotone else by_speed)
     return every
 
 
-def _nest(by_speed: list[Row]) -> None:
-    """What is sure at one speed is at all slower ones, and what surely fails does at all faster ones."""
-    for fast, slow in ((fast, slow) for fast in reversed(by_speed) for slow in by_speed):
-        if slow["speed"] < fast["speed"] and fast["verdict"] == SURE:
-            slow |= {"verdict": SURE, "n_works": slow["n_conditions"], "n_fails": 0}
-        if slow["speed"] < fast["speed"] and slow["verdict"] == FAILS:
-            fast |= {"verdict": FAILS, "n_works": 0, "n_fails": fast["n_conditions"]}
+def _nested(by_speed: Sequence[RecommendationRow]) -> list[RecommendationRow]:
+    """Rows by rising speed, where what surely works at one speed does at all slower ones, and what surely fails does
+    at all faster ones."""
+    rows = list(by_speed)
+    for fast in reversed(range(len(rows))):
+        for slow in range(fast):
+            if rows[fast].verdict == SURE:
+                n = rows[slow].n_conditions
+                rows[slow] = replace(rows[slow], verdict=SURE, n_works=n, n_fails=0)
+            if rows[slow].verdict == FAILS:
+                n = rows[fast].n_conditions
+                rows[fast] = replace(rows[fast], verdict=FAILS, n_works=0, n_fails=n)
+    return rows
 
 
-def average_curve(of: Averages) -> Row:
+def average_curve(of: Averages) -> AverageCurve:
     """The mean over all conditions at the exposures that were tested in all."""
     value = of.value.mean(axis=0)
     tested = np.flatnonzero(np.isfinite(value))
     exposures = np.array(of.exposures_s)[tested]
-    return {"model": of.model, "exposures_s": exposures.tolist(), "values": value[tested].tolist()}
+    return AverageCurve(of.model, tuple(exposures.tolist()), tuple(value[tested].tolist()))
 
 
 def _without(setting: Setting, *axes: int) -> Setting:

@@ -307,15 +307,14 @@ def tables_by_size(scored: Sequence[Scored], kept: bool) -> Iterator[ScoreTable]
 
     scored: every condition of each model, the original pictures first. Clusters are numbered.
     """
-    for model, size in product(dict.fromkeys(str(each.row["model"]) for each in scored), SIZES):
-        original, *exposed = (each for each in scored if each.row["model"] == model)
+    for model, size in product(dict.fromkeys(each.row.model for each in scored), SIZES):
+        original, *exposed = (each for each in scored if each.row.model == model)
         clean, n_targets = original.sizes[size], original.n_targets[size]
         found = [(each.row, ratio(each.sizes[size], clean) if kept else each.sizes[size]) for each in exposed]
         known = [(row, each) for row, each in found if each.influence is not None]
         if clean.value is None or not n_targets or not known:
             continue
-        axes = (*ORDER, "saturated_share", "brightness")
-        columns = {name: np.array([row[name] for row, _ in known], float) for name in axes}
+        columns = {name: np.array([row.conditions[name] for row, _ in known], float) for name in ORDER}
         values = np.array([each.pseudo_values for _, each in known]).T
         table = ScoreTable(
             model,
@@ -324,8 +323,8 @@ def tables_by_size(scored: Sequence[Scored], kept: bool) -> Iterator[ScoreTable]
             columns,
             np.nan_to_num(values),
             np.isfinite(values).astype(float),
-            columns.pop("saturated_share"),
-            columns.pop("brightness"),
+            np.array([row.saturated_share for row, _ in known], float),
+            np.array([row.brightness for row, _ in known], float),
             n_targets,
             clean.value,
             clean.value * n_targets,

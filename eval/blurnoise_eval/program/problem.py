@@ -96,7 +96,7 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
         scenario=Scenario(lights, speeds, dict.fromkeys(planes, 1.0)),
         exposures_s=space.exposures_s,
-        recommended_s=None if choice is None else choice["exposure_s"],
+        recommended_s=None if choice is None else choice.exposure_s,
         notes=tuple(notes),
     )
 

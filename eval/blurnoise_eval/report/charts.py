@@ -7,34 +7,39 @@ speeds in px/s, blur in px; other axes in the units of figures.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
+from operator import attrgetter
 from typing import Any
 
 from blurnoise_eval.answers.exposure_window import WORKS
-from blurnoise_eval.plan.axes import BLUR, MOVES, velocity_of
+from blurnoise_eval.plan.axes import BLUR, MOVES
 from blurnoise_eval.plots.style import line_colours, spread
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import axis_label, word
 from blurnoise_eval.scoring.scores import Score, of_conditions
+from blurnoise_eval.store.columns import UNKNOWN, WithInterval
+from blurnoise_eval.store.rows import ScoreRow
 from blurnoise_eval.system.tables import finite
 
 EXPOSURES, VELOCITIES = 0, 1  # places of the first two of a run's axes; light and what else varies follow
 MAX_TICKS = 8  # of an axis whose tested values are its ticks
 _BLUR_TICKS = (0, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-OF_PICTURES = {
-    "applied_gain_db": "Gain / dB",
-    "snr_db": "SNR of the mean light / dB",
-    "brightness": "Mean brightness of the picture, 0-1",
-    "saturated_share": "Share of saturated pixels",
-    "missed_pulse_share": "Share of pictures that miss the pulsed lamp",
-}
-"""Columns of scores that distinguish a dark picture from a noisy one."""
+OF_PICTURES: tuple[tuple[str, Callable[[ScoreRow], float | None]], ...] = (
+    ("Gain / dB", attrgetter("applied_gain_db")),
+    ("SNR of the mean light / dB", attrgetter("snr_db")),
+    ("Mean brightness of the picture, 0-1", attrgetter("brightness")),
+    ("Share of saturated pixels", attrgetter("saturated_share")),
+)
+"""What distinguishes a dark picture from a noisy one: its title, and the column of scores."""
+OF_LAMPS = ("Share of pictures that miss the pulsed lamp", attrgetter("lamps.missed_pulse_share"))
+"""The same of a run with a pulsed lamp."""
 Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class View:
+class ChartView:
     """One way to draw the curves, on the page and as a figure.
 
     word: its name on the page, title: of its axis, file: of its figure. along: the axis of the run whose values
@@ -54,25 +59,25 @@ class View:
     bands: bool = False
 
 
-def views(data: RunData) -> list[View]:
+def views(data: RunData) -> list[ChartView]:
     """The views of a run: over exposure and blur, and over each axis that has several values besides."""
     further = tuple(range(2, len(data.axes)))
     exposures, speeds = data.axes[:2]
     found = [
-        View(
+        ChartView(
             "exposure", axis_label(exposures.axis), "confidence_exposure.png", EXPOSURES, VELOCITIES, further,
             "Along a line the exposure grows, and with it light and blur. The bars below 0 show the exposure window "
             "at each speed (pale: cannot tell), with the 95 % intervals of its ends as thin lines and the "
             "recommended exposure as a tick.",
             "log" if exposures.logarithmic else "linear", bands=True,
         ),
-        View(
+        ChartView(
             "blur", axis_label(BLUR), "confidence_blur.png", VELOCITIES, EXPOSURES, further,
             "Along a line only the speed changes. Each line has another exposure, and so another amount of light. "
             "The axis is linear below 1 px and logarithmic above.", "symlog",
         ),
     ]  # fmt: skip
-    speed = View(
+    speed = ChartView(
         "speed", axis_label(speeds.axis), "confidence_speed.png", VELOCITIES, EXPOSURES, further,
         "Along a line only the speed changes, and with it the blur.",
     )  # fmt: skip
@@ -86,7 +91,7 @@ def views(data: RunData) -> list[View]:
             others = tuple(each for each in further if each != place)
             of = name, axis_label(tested.axis), f"confidence_{tested.axis.name}.png", place, EXPOSURES, others
             scale = "log" if tested.logarithmic else "linear"
-            found.append(View(*of, f"Along a line only the {name} changes.", scale))
+            found.append(ChartView(*of, f"Along a line only the {name} changes.", scale))
     return found
 
 
@@ -94,7 +99,30 @@ def choices(data: RunData) -> list[Score]:
     """The scores that can be chosen on the page: those that this run has a value of."""
     kinds = {model["kind"] for model in data.manifest["models"]}
     charted = (score for score in of_conditions() if score.charted and kinds & score.kinds)
-    return [score for score in charted if any(finite(row.get(score.name)) is not None for row in data.scores)]
+    return [
+        score
+        for score in charted
+        if any(finite(row.scores.get(score.name, UNKNOWN).value) is not None for row in data.scores)
+    ]
+
+
+def _measures(data: RunData) -> Iterator[tuple[str, str | None, Callable[[ScoreRow], WithInterval]]]:
+    """The scores and means over pictures that are drawn: title, which way is better, and the value in a row."""
+    for score in choices(data):
+        yield f"{score.title} (all targets)", score.better, partial(_score_in, score.name)
+    of_pictures = OF_PICTURES if data.scores else ()
+    if any(row.lamps is not None for row in data.scores):
+        of_pictures = (*of_pictures, OF_LAMPS)
+    for title, column in of_pictures:
+        yield title, None, partial(_mean_in, column)
+
+
+def _score_in(name: str, row: ScoreRow) -> WithInterval:
+    return row.scores.get(name, UNKNOWN)
+
+
+def _mean_in(column: Callable[[ScoreRow], float | None], row: ScoreRow) -> WithInterval:
+    return WithInterval(column(row))
 
 
 def numbers(data: RunData, groups: list[str]) -> Row:
@@ -112,7 +140,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
         return conditions.setdefault(at, len(conditions))
 
     most = max(
-        [1.0, *(float(answer["best_score"]) for answer in data.answers)]
+        [1.0, *(answer.best_score.known for answer in data.answers)]
     )  # what is kept may be more than 1
     title = data.criterion.title[0].upper() + data.criterion.title[1:]
     measures: list[Row] = [{"name": title, "better": "higher", "most": most}]
@@ -120,36 +148,40 @@ def numbers(data: RunData, groups: list[str]) -> Row:
     clean: dict[tuple[int, int], float | None] = {}
     windows = []
     for answer in data.answers:
-        if answer["group"] not in group_of:
+        if answer.group not in group_of:
             continue
-        whose, velocity = (models[answer["model"]], group_of[answer["group"]]), velocity_of(answer)
-        clean.setdefault(whose, 1.0 if data.criterion.kept else _short(answer["clean_score"]))
-        unknown = [None] * len(answer["exposures_s"])
-        columns = (answer["confidence"], answer["low"] or unknown, answer["high"] or unknown)
-        for exposure_s, *values in zip(answer["exposures_s"], *columns, strict=True):
+        whose, velocity = (models[answer.model], group_of[answer.group]), answer.conditions.velocity_px_s
+        clean.setdefault(whose, 1.0 if data.criterion.kept else _short(answer.clean_score))
+        unknown = [None] * len(answer.exposures_s)
+        columns = (answer.confidence, answer.low or unknown, answer.high or unknown)
+        for exposure_s, *values in zip(answer.exposures_s, *columns, strict=True):
             y, low, high = map(_short, values)
             if y is not None:
-                point = [place(data.at(answer, exposure_s, velocity)), y, low, high, answer["n_targets"]]
+                point = [
+                    place(data.at(answer.conditions, exposure_s, velocity)),
+                    y,
+                    low,
+                    high,
+                    answer.n_targets,
+                ]
                 of_targets.setdefault(whose, []).append(point)
-        ends = zip(answer["windows_s"], answer["windows_low_s"], answer["windows_high_s"], strict=True)
+        ends = zip(answer.windows_s, answer.windows_low_s, answer.windows_high_s, strict=True)
         bars = [[*_seconds(both), _seconds(of_low), _seconds(of_high)] for both, of_low, of_high in ends]
-        sure = [*map(_seconds, answer["sure_windows_s"])]
-        use = answer["verdict"] == WORKS, answer["recommended_s"]
-        windows.append([*whose, data.at(answer, None, velocity), *use, sure, bars])
+        sure = [*map(_seconds, answer.sure_windows_s)]
+        use = answer.verdict == WORKS, answer.recommended_s
+        windows.append([*whose, data.at(answer.conditions, None, velocity), *use, sure, bars])
     series = [[0, *whose, clean[whose], values] for whose, values in of_targets.items()]
-    named = [(score.name, f"{score.title} (all targets)", score.better) for score in choices(data)]
-    of_pictures = [
-        (each, text) for each, text in OF_PICTURES.items() if any(each in row for row in data.scores)
-    ]
-    for name, title, better in [*named, *((each, text, None) for each, text in of_pictures)]:
+    for title, better, value_in in _measures(data):
         of_models: dict[str, list[Any]] = {model: [] for model in models}
         for row in data.exposed_scores:
-            if (y := _short(row.get(name))) is not None:
-                bounds = (_short(row.get(f"{name}{end}")) for end in ("_low", "_high"))
-                at = place(data.at(row, row["exposure_s"], velocity_of(row)))
-                of_models[row["model"]].append([at, y, *bounds, row["n_pictures"]])
+            y, low, high = map(_short, value_in(row))
+            if y is not None:
+                under = row.conditions
+                at = place(data.at(under, under.exposure_s, under.velocity_px_s))
+                of_models[row.model].append([at, y, low, high, row.n_pictures])
         for model, values in of_models.items():
-            original = _short(data.clean_scores.get(model, {}).get(name))
+            untouched = data.clean_scores.get(model)
+            original = None if untouched is None else _short(value_in(untouched).value)
             series += [[len(measures), models[model], 0, original, values]] * bool(values)
         most = max([row[1] for each in of_models.values() for row in each], default=0.0)
         measures.append({"name": title, "better": better, "most": most or 1.0})
@@ -169,7 +201,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
     return found | {"views": [_view(data, view, found) for view in views(data)]}
 
 
-def _view(data: RunData, view: View, found: Row) -> Row:
+def _view(data: RunData, view: ChartView, found: Row) -> Row:
     """What a drawing needs of a view. joined: whether points follow one another on a line; not where several
     velocities share a speed. ticks: places and texts, None for those of a library. range: as drawn, logarithms of a
     logarithmic axis."""

@@ -88,7 +88,7 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
             _draw_windows(axes, numbers, key, colours)
     texts = [tested[axis]["texts"][place] for axis, place in held.items() if tested[axis]["count"] > 1]
     notes = [f"At {' · '.join(texts)}."] * bool(texts)
-    known = {answer["group"] for answer in data.answers}
+    known = {answer.group for answer in data.answers}
     parts = ("groups of targets", len(groups), len(known)), ("panels", len(keys), len(panels))
     for what, count, of in (*parts, ("lines", len(shown), len(every))):
         notes += [f"{count} of {of} {what} shown."] * (count < of)

@@ -59,7 +59,10 @@ def assumptions(data: RunData) -> list[str]:
     swept_over = {
         name
         for name, axis in of_camera.items()
-        if any(row[axis.name] != camera.get(name, row[axis.name]) for row in data.exposed_scores)
+        if any(
+            row.conditions[axis.name] != camera.get(name, row.conditions[axis.name])
+            for row in data.exposed_scores
+        )
     }
     parts = [(model["name"], model["contract"], set[str]()) for model in data.manifest["models"]]
     found = []

@@ -9,8 +9,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from blurnoise.camera import Camera
+from blurnoise_eval.answers.rows import RecommendationRow
 from blurnoise_eval.plan.axes import AXES, EGO, EGO_SPEED, GAIN, SETTING, SPEED, named
 from blurnoise_eval.plan.conditions import with_lens
+from blurnoise_eval.store.rows import ScoreRow
 from blurnoise_eval.system.tables import plain
 
 _LENS = {each.name: each.into.partition(".")[2] for each in AXES if each.into.startswith("camera.")}
@@ -18,16 +20,16 @@ _LIGHT = [name for name in SETTING if name not in (GAIN.name, EGO.name)]
 
 
 def met_conditions(
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[ScoreRow],
     manifest: Mapping[str, Any],
-    recommendations: Sequence[Mapping[str, Any]] = (),
+    recommendations: Sequence[RecommendationRow] = (),
 ) -> dict[str, Any]:
     """The contents of conditions.json, from a run's scores, rows of axes for each model, its manifest with its plan,
     and its recommendations, see :func:`~blurnoise_eval.answers.recommendation.recommendations`."""
     recommended = {
-        (*(each[name] for name in _LIGHT), each["speed"], each["exposure_s"], each[GAIN.name])
-        for each in recommendations
-        if each["scope"] == "condition"
+        (*(row.conditions[name] for name in _LIGHT), row.speed, row.exposure_s, row.conditions[GAIN.name])
+        for row in recommendations
+        if row.scope == "condition"
     }
     plan = manifest["plan"]
     stated = sorted({*plan.get("grid", {}), *plan.get("further", {})} & {*_LENS})
@@ -35,16 +37,17 @@ def met_conditions(
     conditions: dict[tuple[tuple[str, Any], ...], float | None] = {}
     cameras: dict[Camera, int] = {}
     for row in rows:
-        if row["clean"]:
+        at = row.conditions
+        if at.original:
             continue
-        own = with_lens(camera, **{_LENS[name]: row[name] for name in stated})
-        at = {each.name: row[each.name] for each in AXES if each.name not in _LENS}
-        at = {name: plain(value) for name, value in named(at).items()}
-        at["camera"] = cameras.setdefault(own, len(cameras))
-        speed = (EGO_SPEED if row[EGO.name] else SPEED).of(row)
-        place = *(row[name] for name in _LIGHT), speed, row["exposure_s"]
-        at["recommended"] = not recommended.isdisjoint({(*place, row[GAIN.name]), (*place, None)})
-        conditions[tuple(at.items())] = row.get("saturated_share")
+        of_camera = with_lens(camera, **{_LENS[name]: at[name] for name in stated})
+        met = named({axis.name: at[axis.name] for axis in AXES if axis.name not in _LENS})
+        met = {name: plain(value) for name, value in met.items()}
+        met["camera"] = cameras.setdefault(of_camera, len(cameras))
+        speed = (EGO_SPEED if at[EGO.name] else SPEED).of(at)
+        key = *(at[name] for name in _LIGHT), speed, at.exposure_s
+        met["recommended"] = not recommended.isdisjoint({(*key, at[GAIN.name]), (*key, None)})
+        conditions[tuple(met.items())] = row.saturated_share
     objects = plan.get("objects", {})
     return {
         "cameras": [each.to_dict() for each in cameras],

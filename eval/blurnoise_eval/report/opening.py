@@ -6,28 +6,27 @@ never markup.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
-from typing import Any
+from operator import attrgetter, itemgetter
 
 from blurnoise_eval.answers.exposure_window import WORKS
 from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATURATED, SURE
+from blurnoise_eval.answers.rows import AnswerRow, RecommendationRow
 from blurnoise_eval.plan.axes import AUTOMATIC, EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
 from blurnoise_eval.report.words import counted, joined, keeps, limit_text, reached_text, value_text
 from blurnoise_eval.scoring.uncertainty import FEWEST
-from blurnoise_eval.system.tables import finite
 
 MAX_MODELS = 4
 MAX_ROWS, MAX_SPEEDS = 8, 3  # of the table in a terminal
 MUCH = 0.05
 """So much better must one exposure for each light be that it is recommended before a single one."""
 MARKS = {SURE: SURE, FAILS: FAILS, CANNOT_TELL: "?"}
-Row = Mapping[str, Any]
 Cell = tuple[str, str, list[str]]
 """Of a table: its class, its text, and lines in small print."""
 TableRow = tuple[str, str, list[Cell]]
@@ -82,7 +81,7 @@ def opening(data: RunData) -> Opening:
 
 def ranked(data: RunData) -> list[str]:
     """The models, the best first: by mPC where the pictures have labels, else as they were given."""
-    mpc = {row["model"]: finite(row.get("mpc")) for row in data.models}
+    mpc = {row.model: row.mpc.value for row in data.models}
     if not data.manifest["images"].get("labelled", True) or None in mpc.values():
         return data.model_names
     return sorted(data.model_names, key=lambda name: -(mpc[name] or 0.0))
@@ -92,23 +91,23 @@ def _ranking(data: RunData, names: Sequence[str]) -> str:
     """Which of several models is best, and by how much, with the interval of the paired difference."""
     if not data.manifest["images"].get("labelled", True):
         return "The models cannot be ranked: without labels, each is compared with its own detections."
-    rows = {row["model"]: row for row in data.models}
+    rows = {row.model: row for row in data.models}
     first, *others = (rows[name] for name in names)
-    if finite(first.get("mpc")) is None:
+    if first.mpc.value is None:
         return "The models cannot be ranked: their scores are not known."
     behind = []
     for row in others[: MAX_MODELS - 1]:
-        less, low, high = (finite(row.get(f"mpc_deficit{end}")) for end in ("", "_low", "_high"))
+        less, low, high = row.mpc_deficit
         if less is None:
-            behind.append(f"{row['model']} {row['mpc']:.3f}")
+            behind.append(f"{row.model} {row.mpc.known:.3f}")
         elif low is None or high is None:
-            behind.append(f"{row['model']} is {less:.3f} lower (too few pictures for an interval)")
+            behind.append(f"{row.model} is {less:.3f} lower (too few pictures for an interval)")
         else:
             sure = "" if low > 0 else ", which may be chance"
-            behind.append(f"{row['model']} is {less:.3f} ({low:.3f} to {high:.3f}) lower{sure}")
+            behind.append(f"{row.model} is {less:.3f} ({low:.3f} to {high:.3f}) lower{sure}")
     behind += [f"{len(names) - MAX_MODELS} more in models.csv"] * (len(names) > MAX_MODELS)
-    mean = f"mean {first['measure']} over all conditions"
-    return f"The best model is {first['model']}, with mPC {first['mpc']:.3f} ({mean}). {'; '.join(behind)}."
+    mean = f"mean {first.measure} over all conditions"
+    return f"The best model is {first.model}, with mPC {first.mpc.known:.3f} ({mean}). {'; '.join(behind)}."
 
 
 class _OfModel:
@@ -116,32 +115,34 @@ class _OfModel:
 
     def __init__(self, data: RunData, model: str) -> None:
         self.data, self.model, self.level = data, model, data.criterion.level
-        rows = [row for row in data.recommendations if row["model"] == model]
-        self.whole = next((row for row in rows if row["scope"] == "all"), None)
+        rows = [row for row in data.recommendations if row.model == model]
+        self.whole = next((row for row in rows if row.scope == "all"), None)
         """Its exposure for all conditions; None where none was tested in all of them."""
-        self.lights = [row for row in rows if row["scope"] == "light"]
-        self.conditions = [row for row in rows if row["scope"] == "condition"]
-        self.speeds = sorted({row["speed"] for row in self.conditions})
-        self.answers = [answer for answer in data.answers if answer["model"] == model]
+        self.lights = [row for row in rows if row.scope == "light"]
+        self.conditions = [row for row in rows if row.scope == "condition"]
+        self.speeds = sorted({row.speed or 0.0 for row in self.conditions})
+        self.answers = [answer for answer in data.answers if answer.model == model]
         self.axes = [axis for axis in data.settings.axes if axis not in (GAIN, EGO)]
         """Those that name a row of the table: the light, and what else varies, but for gain and vehicle's speed."""
-        self.varied = [word(axis) for axis in self.axes if len({row[axis.name] for row in self.lights}) > 1]
+        self.varied = [
+            word(axis) for axis in self.axes if len({row.conditions[axis.name] for row in self.lights}) > 1
+        ]
         self.lights_noun = "settings" if self.varied[1:] or self.varied[:1] != ["light"] else "lights"
         usual = dict(zip(LIGHT.default, LIGHT.default_names, strict=True))
-        self.named = usual if {row[LIGHT.name] for row in self.lights} == usual.keys() else {}
+        self.named = usual if {row.conditions[LIGHT.name] for row in self.lights} == usual.keys() else {}
         """The names of the default lights, where the run has these."""
         self.verb = "keep" if data.criterion.kept else "reach"
 
     @property
     def by_light(self) -> bool:
         """Whether one exposure for each light is recommended, and not a single one."""
-        return self.whole is None or self._of_lights() - self.whole["score"] > MUCH
+        return self.whole is None or self._of_lights() - self.whole.score.known > MUCH
 
     @property
     def combinations(self) -> str:
         """'combinations of light and speed', 'lights'."""
         names = self.varied + ["speed"] * (len(self.speeds) > 1)
-        names += ["direction"] * (sum(row["n_conditions"] for row in self.conditions) > len(self.conditions))
+        names += ["direction"] * (sum(row.n_conditions for row in self.conditions) > len(self.conditions))
         return (
             f"combinations of {joined(names)}"
             if len(names) > 1
@@ -150,8 +151,11 @@ class _OfModel:
             else "conditions"
         )
 
-    def _setting_texts(self, row: Row) -> list[str]:
-        return [self._light_text(row[LIGHT.name]), *(axis.text(row[axis.name]) for axis in self.axes[1:])]
+    def _setting_texts(self, row: RecommendationRow) -> list[str]:
+        return [
+            self._light_text(row.conditions[LIGHT.name]),
+            *(axis.text(row.conditions[axis.name]) for axis in self.axes[1:]),
+        ]
 
     def _light_text(self, lux: float) -> str:
         """'1 lux', or '1 lux (night street)' of the default lights."""
@@ -174,53 +178,56 @@ class _OfModel:
 
     def _of_each_light(self, *, brief: bool) -> str:
         """One exposure for each light, and its score."""
-        ends = [(row, EXPOSURE.text(row["exposure_s"])) for row in (self.lights[0], self.lights[-1])]
-        span = " to ".join(f"{text} at {LIGHT.text(row[LIGHT.name])}" for row, text in ends)
+        ends = [(row, EXPOSURE.text(row.exposure_s)) for row in (self.lights[0], self.lights[-1])]
+        span = " to ".join(f"{text} at {LIGHT.text(row.conditions[LIGHT.name])}" for row, text in ends)
         if self.varied != ["light"]:
-            every = sorted(row["exposure_s"] for row in self.lights)
+            every = sorted(row.exposure_s for row in self.lights)
             span = f"{EXPOSURE.text(every[0])} to {EXPOSURE.text(every[-1])} (see the table)"
         by = f"the {self.varied[0]}" if len(self.varied) == 1 else joined(self.varied)
-        counts = [sum(row[name] for row in self.lights) for name in ("n_works", "n_fails", "n_conditions")]
+        works, fails, n = (
+            sum(counts)
+            for counts in zip(
+                *((row.n_works, row.n_fails, row.n_conditions) for row in self.lights), strict=True
+            )
+        )
         reached = reached_text(f"{self._of_lights():.2f}", self.data.criterion) + self._over(brief=brief)
         unsure = "" if brief else self._unsure(self.lights[0])
-        works = self._works(*counts) + self._of_each_kind() * (not brief)
-        return f"Set the exposure by {by}, from {span}. This {reached}.{works}{unsure}"
+        verdicts = self._works(works, fails, n) + self._of_each_kind() * (not brief)
+        return f"Set the exposure by {by}, from {span}. This {reached}.{verdicts}{unsure}"
 
     def _of_each_kind(self) -> str:
         """In how many cases some exposure works, if kinds of target differ in this."""
-        works = sum(answer["verdict"] == WORKS for answer in self.answers)
-        several = len({answer["group"] for answer in self.answers}) > 1
+        works = sum(answer.verdict == WORKS for answer in self.answers)
+        several = len({answer.group for answer in self.answers}) > 1
         text = f" For each kind of target alone, an exposure works in {works} of {len(self.answers)} cases."
         return text * (several and works < len(self.answers))
 
-    def _single(self, row: Row, *, brief: bool) -> str:
+    def _single(self, row: RecommendationRow, *, brief: bool) -> str:
         """One exposure for everything, and its score."""
-        n, use = row["n_conditions"], EXPOSURE.text(row["exposure_s"])
+        n, use = row.n_conditions, EXPOSURE.text(row.exposure_s)
         bright = "" if brief else self._bright(row)
         if n == 1:
-            use = f"Use {use}" if row["verdict"] == SURE else f"The best exposure is {use}"
+            use = f"Use {use}" if row.verdict == SURE else f"The best exposure is {use}"
             least = f"at least {self.level:g}"
             verdict = {
                 SURE: f"This works: it is {least}.",
                 FAILS: f"This fails: it is below {self.level:g}.",
                 CANNOT_TELL: f"The pictures cannot tell whether that is {least}.",
-            }[row["verdict"]]
+            }[row.verdict]
             return f"{use}. It {self._reached(row)}. {verdict}{self._unsure(row)}{bright}"
-        use = f"Use {use}" if 2 * row["n_works"] >= n else f"The best single exposure is {use}"
-        works = self._works(row["n_works"], row["n_fails"], n) + self._unsure(row)
+        use = f"Use {use}" if 2 * row.n_works >= n else f"The best single exposure is {use}"
+        works = self._works(row.n_works, row.n_fails, n) + self._unsure(row)
         found = f"{use}. It {self._reached(row)}{self._over(brief=brief)}.{works}"
         return found if brief else f"{found}{self._better(row)}{self._weakest()}{bright}"
 
-    def _instead(self, row: Row) -> str:
+    def _instead(self, row: RecommendationRow) -> str:
         """A single exposure, where one for each light is much better."""
-        works = self._works(row["n_works"], row["n_fails"], row["n_conditions"], named=False)
-        use = f"{EXPOSURE.text(row['exposure_s'])} {self._reached(row)}"
+        works = self._works(row.n_works, row.n_fails, row.n_conditions, named=False)
+        use = f"{EXPOSURE.text(row.exposure_s)} {self._reached(row)}"
         return f"A single exposure for all {self.lights_noun} is worse. {use}.{works}{self._bright(row)}"
 
-    def _reached(self, row: Row) -> str:
-        return reached_text(
-            value_text(row["score"], row["score_low"], row["score_high"]), self.data.criterion
-        )
+    def _reached(self, row: RecommendationRow) -> str:
+        return reached_text(value_text(row.score), self.data.criterion)
 
     def _works(self, works: int, fails: int, n: int, *, named: bool = True) -> str:
         """In how many combinations of light and speed a choice works. named: with 'combinations ...'."""
@@ -236,11 +243,11 @@ class _OfModel:
         parts[0] += f" of {of}"
         return f" It {joined(parts)}." + f" For {unknown} the pictures cannot tell." * (unknown > 0)
 
-    def _unsure(self, row: Row) -> str:
+    def _unsure(self, row: RecommendationRow) -> str:
         """Why a score has no interval."""
-        if row["score_low"] is not None:
+        if row.score.low is not None:
             return ""
-        count = max(answer["n_pictures"] for answer in self.answers)
+        count = max(answer.n_pictures for answer in self.answers)
         weight = " of unequal weight" if count >= FEWEST else ""
         return (
             f" {counted(count, 'picture')}{weight} {'is' if count == 1 else 'are'} too few for an interval."
@@ -248,50 +255,52 @@ class _OfModel:
 
     def _of_lights(self) -> float:
         """What one exposure for each light reaches, mean over the conditions."""
-        total = sum(each["n_conditions"] for each in self.lights)
-        return float(sum(each["score"] * each["n_conditions"] for each in self.lights) / total)
+        total = sum(each.n_conditions for each in self.lights)
+        return float(sum(each.score.known * each.n_conditions for each in self.lights) / total)
 
-    def _better(self, row: Row) -> str:
+    def _better(self, row: RecommendationRow) -> str:
         """What an exposure for each light would reach, or one for each light and speed."""
         each, best = self.lights_noun[:-1], self._of_lights()
-        if len(self.lights) == 1 or best - row["score"] <= NEAR:
+        if len(self.lights) == 1 or best - row.score.known <= NEAR:
             each = "combination" if self.combinations.startswith("combinations") else "speed"
-            best = row["score"] + row["regret"]
-        better = best - row["score"] > NEAR and f"{best:.2f}" != f"{row['score']:.2f}"
+            best = row.score.known + row.regret
+        better = best - row.score.known > NEAR and f"{best:.2f}" != f"{row.score.known:.2f}"
         return f" One exposure for each {each} would {self.verb} {best:.2f}." * better
 
-    def _bright(self, row: Row) -> str:
+    def _bright(self, row: RecommendationRow) -> str:
         """What the exposure saturates, and which one keeps more but saturates too much to be used."""
         text = ""
-        if row["saturated_share"] is not None and row["saturated_share"] > SATURATED:
-            brightest = max(each[LIGHT.name] for each in self.lights)
+        if row.saturated_share is not None and row.saturated_share > SATURATED:
+            brightest = max(each.conditions[LIGHT.name] for each in self.lights)
             at = f" at {LIGHT.text(brightest)}" if len(self.lights) > 1 else ""
-            text = f" It saturates {100 * row['saturated_share']:.0f} % of the picture{at}."
-        means = (row for row in self.data.averages if row["model"] == self.model)
-        tested = [pair for each in means for pair in zip(each["values"], each["exposures_s"], strict=True)]
+            text = f" It saturates {100 * row.saturated_share:.0f} % of the picture{at}."
+        means = (row for row in self.data.averages if row.model == self.model)
+        tested = [pair for each in means for pair in zip(each.values, each.exposures_s, strict=True)]
         value, exposure_s = max(tested, default=(0.0, 0.0))
-        if value - row["score"] > NEAR and exposure_s > row["exposure_s"]:
+        if value - row.score.known > NEAR and exposure_s > row.exposure_s:
             text += f" {EXPOSURE.text(exposure_s)} {keeps(self.data.criterion)} {value:.2f}, but saturates too much."
         return text
 
     def _weakest(self) -> str:
         """Where the single exposure is worst."""
-        name = "score_at_overall_exposure"
-        rows = [row for row in self.conditions if row[name] is not None]
-        worst = min(rows, key=lambda row: float(row[name]), default=None)
-        if worst is None or len(rows) < 2 or worst[name] >= self.level:
+        scores = [(row.score_at_overall_exposure, row) for row in self.conditions]
+        known = [(score, row) for score, row in scores if score is not None]
+        least, worst = min(known, key=itemgetter(0), default=(math.inf, None))
+        if worst is None or len(known) < 2 or least >= self.level:
             return ""
-        speed = [self._speed_text(worst["speed"])] if len(self.speeds) > 1 else []
+        speed = [self._speed_text(worst.speed or 0.0)] if len(self.speeds) > 1 else []
         at = joined(self._setting_texts(worst) + speed).replace("and at rest", "at rest")
-        return f" It is worst at {at}: {worst[name]:.2f}."
+        return f" It is worst at {at}: {least:.2f}."
 
     def _over(self, *, brief: bool) -> str:
         """' on average over 3 lights, 2 speeds and 3 kinds of target'."""
         if brief:
             return ""
-        counts = {f"{word(axis)}s": len({row[axis.name] for row in self.lights}) for axis in self.axes}
+        counts = {
+            f"{word(axis)}s": len({row.conditions[axis.name] for row in self.lights}) for axis in self.axes
+        }
         counts["speeds"] = len(self.speeds)
-        counts["kinds of target"] = len({answer["group"] for answer in self.answers})
+        counts["kinds of target"] = len({answer.group for answer in self.answers})
         over = [f"{count} {noun}" for noun, count in counts.items() if count > 1] or ["directions"]
         return f" on average over {joined(over)}"
 
@@ -299,47 +308,55 @@ class _OfModel:
         """Heads and rows of light x speed, the first for any speed where there are several."""
         several = len(self.speeds) > 1
         key = itemgetter(*(name for name in SETTING if name != GAIN.name))
-        cells = {(key(row), row["speed"]): row for row in self.conditions}
+        cells = {(key(row.conditions), row.speed): row for row in self.conditions}
         rows = []
         for light in self.lights:
-            own = [light] * several + [cells.get((key(light), speed)) for speed in self.speeds]
+            own = [light] * several + [cells.get((key(light.conditions), speed)) for speed in self.speeds]
             found = [UNTESTED if row is None else self._cell(row) for row in own]
             name = " · ".join(self._setting_texts(light)).replace(" (", " ").replace(")", "")  # shorter
             rows.append((name, "", found))
         title = "light" if len(self.axes) == 1 else "setting"
         return (title, *["any speed"] * several, *map(self._speed_text, self.speeds)), tuple(rows)
 
-    def _cell(self, row: Row) -> Cell:
-        use, verdict = EXPOSURE.text(row["exposure_s"]), row["verdict"]
-        if row[GAIN.name] is not None and GAIN in self.data.settings.axes:
-            use += f", {GAIN.text(row[GAIN.name]).removeprefix('gain ')}"
-        interval = "" if row["score_low"] is None else f"{row['score_low']:.2f}–{row['score_high']:.2f}"
-        return MARKS[verdict], f"{use} {row['score']:.2f} {MARKS[verdict]}", [interval]
+    def _cell(self, row: RecommendationRow) -> Cell:
+        use, verdict, (_, low, high) = EXPOSURE.text(row.exposure_s), row.verdict, row.score
+        if row.conditions[GAIN.name] is not None and GAIN in self.data.settings.axes:
+            use += f", {GAIN.text(row.conditions[GAIN.name]).removeprefix('gain ')}"
+        interval = "" if low is None or high is None else f"{low:.2f}–{high:.2f}"
+        return MARKS[verdict], f"{use} {row.score.known:.2f} {MARKS[verdict]}", [interval]
 
     def limits(self) -> str:
         """What limits the conditions in which no exposure works, the most frequent first; else what ends the
         windows."""
         parts = []
-        failing = [a for a in self.answers if a["verdict"] != WORKS and a["best_limited_by"]]
-        for limit, _ in Counter(answer["best_limited_by"] for answer in failing).most_common(2):
-            some = [answer for answer in failing if answer["best_limited_by"] == limit]
+        failing = [a for a in self.answers if a.verdict != WORKS and a.best_limited_by]
+        limits = Counter(answer.best_limited_by or "" for answer in failing)
+        for limit, _ in limits.most_common(2):
+            some = [answer for answer in failing if answer.best_limited_by == limit]
             places = []  # what these answers have in common and others do not
             for of, text in (
-                (lambda a: a[LIGHT.name], self._light_text),
+                (lambda at: at[LIGHT.name], self._light_text),
                 (self.data.speed.of, self._speed_text),
             ):
-                own, every = {of(each) for each in some}, {of(each) for each in self.answers}
+                own, every = (
+                    {of(each.conditions) for each in some},
+                    {of(each.conditions) for each in self.answers},
+                )
                 places += [text(own.pop())] if len(own) == 1 < len(every) else []
             where = f" at {joined(places)}".replace("at at rest", "at rest") if places else ""
-            groups = {answer["group"] for answer in some}
-            only = len(groups) == 1 < len({answer["group"] for answer in self.answers})
+            groups = {answer.group for answer in some}
+            only = len(groups) == 1 < len({answer.group for answer in self.answers})
             target = f", for {groups.pop()}" if only else ""
             parts.append(limit_text(limit) + where.replace("and at rest", "at rest") + target)
         if parts:
             return "; ".join(parts) + "."
         ends: list[str] = []
-        for end, side in (("from", "shorter"), ("to", "longer")):
-            named = list(filter(None, (each[f"window_{end}_limited_by"] for each in self.answers)))
+        sides: list[tuple[Callable[[AnswerRow], str | None], str]] = [
+            (attrgetter("window_from_limited_by"), "shorter"),
+            (attrgetter("window_to_limited_by"), "longer"),
+        ]
+        for limited_by, side in sides:
+            named = [name for answer in self.answers if (name := limited_by(answer)) is not None]
             if named:
                 limit = limit_text(max(sorted(set(named)), key=named.count))
                 ends.append(f"{side} {'ones' if ends else 'exposures fail'} because of {limit}")
@@ -349,21 +366,21 @@ class _OfModel:
     def _suits_a_program(self) -> bool:
         """Whether 'blurnoise program' takes such a run, and gains something over a single exposure."""
         one_direction = "direction" not in self.combinations and self.data.manifest.get("trajectory") is None
-        automatic = all(row[GAIN.name] == AUTOMATIC for row in self.lights)
+        automatic = all(row.conditions[GAIN.name] == AUTOMATIC for row in self.lights)
         plain = one_direction and automatic and self.data.speed is not EGO_SPEED
         return self.by_light and self.whole is not None and self.varied == ["light"] and plain
 
     def next_steps(self) -> str:
         """What to do for a surer answer, or with this one."""
         n = len(self.conditions)
-        unknown = sum(row["verdict"] == CANNOT_TELL for row in self.conditions)
-        pictures = counted(max((answer["n_pictures"] for answer in self.answers), default=0), "picture")
+        unknown = sum(row.verdict == CANNOT_TELL for row in self.conditions)
+        pictures = counted(max((answer.n_pictures for answer in self.answers), default=0), "picture")
         some = f" on {unknown} of {n} {self.combinations.split()[0]}" * (n > 1)
         parts = [f"Evaluate more pictures. With {pictures}, the verdict{some} is open."] * (unknown > 0)
         exposures = self.data.axes[0]
         tested = exposures.values[: exposures.count]
         rows = [] if self.whole is None else self.lights if self.by_light else [self.whole]
-        chosen = {row["exposure_s"] for row in rows} if len(tested) > 1 else set()
+        chosen = {row.exposure_s for row in rows} if len(tested) > 1 else set()
         for end, side in ((tested[:1], "shortest"), (tested[-1:], "longest")):
             if chosen.intersection(end):
                 text = EXPOSURE.text(end[0])

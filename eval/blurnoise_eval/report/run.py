@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,22 +11,21 @@ from typing import Any
 
 from blurnoise.training.table import FILE as CONDITIONS_FILE
 from blurnoise_eval.answers.criterion import CONFIDENCE, Criterion
-from blurnoise_eval.answers.exposure_window import flat
+from blurnoise_eval.answers.rows import AnswerRow, AverageCurve, CurveRow, ModelRow, RecommendationRow
 from blurnoise_eval.plan.axes import (
     EGO,
     EGO_SPEED,
     EXPOSURE,
     SPEED,
     Coordinate,
-    named,
-    velocity_of,
     velocity_text,
 )
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.met_conditions import met_conditions
-from blurnoise_eval.report.settings import Settings, Tested
+from blurnoise_eval.report.settings import Tested, TestedSettings
 from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.store.rows import Example, SkippedRow
+from blurnoise_eval.store.columns import AxisValues
+from blurnoise_eval.store.rows import Example, ScoreRow, SkippedRow
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 
@@ -44,22 +42,21 @@ class RunData:
 
     manifest: how the run was made, and its warnings. models: a row per model, scores: per model and condition, the
     original pictures first. skipped: pictures left out, with the reason.
-    answers: see :func:`~blurnoise_eval.answers.exposure_window.answer`; endurances: the rows of
-    :mod:`~blurnoise_eval.answers.curves`. examples: simulated pictures on disk with their detections and targets.
+    answers, curves: see :mod:`~blurnoise_eval.answers.rows`. examples: simulated pictures on disk with their
+    detections and targets.
     recommendations: the exposure to use per model: for all conditions, each light, each light and speed; averages:
     per model the mean over lights, speeds and targets at every exposure.
-    All rows but those of models carry a column per axis of ``AXES``, None for original pictures.
     """
 
     manifest: Row
-    models: list[Row]
-    scores: list[Row]
+    models: list[ModelRow]
+    scores: list[ScoreRow]
     skipped: list[SkippedRow]
-    answers: list[Row]
-    endurances: list[Row]
+    answers: list[AnswerRow]
+    curves: list[CurveRow]
     examples: list[Example]
-    recommendations: list[Row] = field(default_factory=list)
-    averages: list[Row] = field(default_factory=list)
+    recommendations: list[RecommendationRow] = field(default_factory=list)
+    averages: list[AverageCurve] = field(default_factory=list)
 
     @cached_property
     def criterion(self) -> Criterion:
@@ -68,14 +65,20 @@ class RunData:
         return Criterion(row["level"], row["kept"], row["score"])
 
     @cached_property
-    def exposed_scores(self) -> list[Row]:
+    def exposed_scores(self) -> list[ScoreRow]:
         """The scores of exposed pictures."""
-        return [row for row in self.scores if not row["clean"]]
+        return [row for row in self.scores if not row.conditions.original]
 
     @cached_property
-    def clean_scores(self) -> dict[str, Row]:
+    def clean_scores(self) -> dict[str, ScoreRow]:
         """The scores of each model in the original pictures."""
-        return {row["model"]: row for row in self.scores if row["clean"]}
+        return {row.model: row for row in self.scores if row.conditions.original}
+
+    @cached_property
+    def tested(self) -> list[AxisValues]:
+        """The conditions of answers, without exposures, and of the scores of exposed pictures."""
+        of_answers = [row.conditions for row in self.answers]
+        return of_answers + [row.conditions for row in self.exposed_scores]
 
     @property
     def found_from(self) -> float:
@@ -84,23 +87,23 @@ class RunData:
         return self.criterion.level if by_level else FOUND_SCORE
 
     @cached_property
-    def settings(self) -> Settings:
+    def settings(self) -> TestedSettings:
         """The settings that were tested."""
-        return Settings([*self.answers, *self.exposed_scores])
+        return TestedSettings(self.tested)
 
     @cached_property
     def speed(self) -> Coordinate:
         """How fast a row's picture moves: in px/s or, where a vehicle carries the camera, that in km/h."""
-        return EGO_SPEED if any(row[EGO.name] for row in (*self.answers, *self.exposed_scores)) else SPEED
+        return EGO_SPEED if any(at[EGO.name] for at in self.tested) else SPEED
 
     @cached_property
     def axes(self) -> tuple[Tested, ...]:
         """Exposure, velocity (the slow ones first), light, and what else varies."""
-        exposures = {row["exposure_s"] for row in self.exposed_scores}
-        exposures = exposures.union(*(answer["exposures_s"] for answer in self.answers))
+        exposures = {row.conditions.exposure_s for row in self.exposed_scores}
+        exposures = exposures.union(*(answer.exposures_s for answer in self.answers))
         own = exposures.intersection(self.manifest.get("plan", {}).get("grid", {}).get(EXPOSURE.name, ()))
         grid = sorted(own or exposures)
-        velocities = {velocity_of(row) for row in (*self.answers, *self.exposed_scores)}
+        velocities = {at.velocity_px_s for at in self.tested}
         motions = sorted(velocities, key=lambda each: (math.hypot(*each), each))
         speeds, texts = tuple(math.hypot(*v) for v in motions), tuple(map(velocity_text, motions))
         return (
@@ -117,10 +120,10 @@ class RunData:
         return [{value: place for place, value in enumerate(tested.values)} for tested in self.axes]
 
     def at(
-        self, row: Mapping[str, Any], exposure_s: float | None, velocity: object = None
+        self, conditions: AxisValues, exposure_s: float | None, velocity: object = None
     ) -> tuple[int | None, ...]:
-        """The places of a row's setting, and of this exposure and velocity (None: of none), on the run's axes."""
-        values = exposure_s, velocity, *self.settings.of(row)
+        """The indices of a setting, and of this exposure and velocity (None: of none), on the run's axes."""
+        values = exposure_s, velocity, *self.settings.of(conditions)
         return tuple(places.get(value) for places, value in zip(self._places, values, strict=True))
 
     @cached_property
@@ -132,7 +135,7 @@ class RunData:
         """At most ``count`` target groups, those with most targets, in the order of the answers."""
         sizes: dict[str, int] = {}
         for answer in self.answers:
-            sizes[answer["group"]] = max(sizes.get(answer["group"], 0), answer["n_targets"])
+            sizes[answer.group] = max(sizes.get(answer.group, 0), answer.n_targets)
         kept = sorted(sizes, key=lambda group: -sizes[group])[:count]
         return [group for group in sizes if group in kept]
 
@@ -150,11 +153,16 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
     """Write answers.csv, scores.csv (a row per model and condition), curves.csv (a row per curve), models.csv,
     recommendations.csv (the exposure to use: for all conditions, each light, each light and speed), and
     conditions.json, which the training augmentation draws from."""
-    curves = [{name: row[name] for name in row if name not in ("x", "confidence")} for row in data.endurances]
-    rows_of = [data.recommendations, [flat(row) for row in data.answers], data.models, data.scores, curves]
+    rows_of: list[list[dict[str, Any]]] = [
+        [row.columns() for row in data.recommendations],
+        [row.flat() for row in data.answers],
+        [row.columns() for row in data.models],
+        [row.columns() for row in data.scores],
+        [row.flat() for row in data.curves],
+    ]
     written = dict(zip(TABLES, rows_of, strict=False))
     for name, rows in written.items():
-        lines = csv_lines(list(rows[0]) if rows else [], map(named, rows))
+        lines = csv_lines(list(rows[0]) if rows else [], rows)
         write_whole(folder / name, (line.encode("utf-8") for line in lines))
     met = json.dumps(met_conditions(data.scores, data.manifest, data.recommendations), allow_nan=False)
     write_whole(folder / CONDITIONS_FILE, met.encode("utf-8"))

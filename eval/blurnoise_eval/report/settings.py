@@ -6,7 +6,7 @@ Domain: values in the units of the axes' columns. A setting names the light, and
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,9 +20,10 @@ from blurnoise_eval.plan.axes import (
     Coordinate,
     velocity_text,
 )
+from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.rows import CellRow
 
-Setting = tuple[float, ...]  # a value per axis of Settings.axes
+Setting = tuple[float, ...]  # a value per axis of TestedSettings.axes
 
 
 @dataclass(frozen=True)
@@ -57,24 +58,24 @@ class Tested:
         return self.axis.logarithmic and not self.named and min(self.x, default=0.0) > 0
 
 
-class Settings:
-    """The settings of exposed rows, in order.
+class TestedSettings:
+    """The settings of conditions, in order.
 
     axes: the light, and every other axis but exposure and velocity that has several values; further: these without
     the light. held: the text of what does not vary, '25 °C · f/2.8'.
     """
 
-    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        every = list(rows)
-        values = {axis: {row[axis.name] for row in every} for axis in SETTING_AXES}
+    def __init__(self, conditions: Iterable[AxisValues]) -> None:
+        every = list(conditions)
+        values = {axis: {at[axis.name] for at in every} for axis in SETTING_AXES}
         self.axes = tuple(axis for axis in values if axis is LIGHT or len(values[axis]) > 1)
         self.further = tuple(axis for axis in self.axes if axis is not LIGHT)
         self.every = tuple(sorted(set(map(self.of, every))))
         self.held = " · ".join(axis.text(*values[axis]) for axis in values if axis not in self.axes and every)
 
-    def of(self, row: Mapping[str, Any]) -> Setting:
-        """The setting of a row of answers, curves, scores or examples."""
-        return tuple(row[axis.name] for axis in self.axes)
+    def of(self, conditions: AxisValues) -> Setting:
+        """The setting of some conditions."""
+        return tuple(conditions[axis.name] for axis in self.axes)
 
     def text(self, setting: Setting) -> str:
         """'50 lux · 85 °C · f/2.8'."""

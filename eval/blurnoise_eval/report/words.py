@@ -9,19 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import CANNOT_TELL, NONE_WORKS, WORKS
+from blurnoise_eval.answers.rows import AnswerRow
 from blurnoise_eval.plan.axes import EXPOSURE, milliseconds
 from blurnoise_eval.plots.annotate import OTHER_SCORE
 from blurnoise_eval.scoring.uncertainty import FEW, FEWEST
+from blurnoise_eval.store.columns import WithInterval
 from blurnoise_eval.store.rows import Example, TargetAnswer
 
 _MANY_SATURATED = 0.01  # of the picture's values: so many at a limit of the sensor are reported
-Row = dict[str, Any]
 
 
 def keeps(criterion: Criterion) -> str:
@@ -49,11 +49,12 @@ def joined(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def value_text(value: float, low: float | None = None, high: float | None = None) -> str:
+def value_text(score: WithInterval) -> str:
     """'0.68 (0.61–0.74)', without an interval '0.68'."""
+    _, low, high = score
     if low is None or high is None:
-        return f"{value:.2f}"
-    return f"{value:.2f} ({_outward(low, -1, 0.01):.2f}–{_outward(high, 1, 0.01):.2f})"
+        return f"{score.known:.2f}"
+    return f"{score.known:.2f} ({_outward(low, -1, 0.01):.2f}–{_outward(high, 1, 0.01):.2f})"
 
 
 def _outward(value: float, side: int, step: float) -> float:
@@ -73,51 +74,50 @@ def _end_text(end_s: float, low_s: float | None, high_s: float | None) -> str:
     return milliseconds(end_s) + interval
 
 
-def window_text(answer: Row) -> str:
+def window_text(answer: AnswerRow) -> str:
     """The exposure windows of the mean with the intervals of their ends: '≤ 1 to 22 (19–26) ms', ≤ and ≥ at the
     ends of the tested range."""
-    rows = zip(answer["windows_s"], answer["windows_low_s"], answer["windows_high_s"], strict=True)
+    rows = zip(answer.windows_s, answer.windows_low_s, answer.windows_high_s, strict=True)
     ends = [[_end_text(low, *of_low), _end_text(high, *of_high)] for (low, high), of_low, of_high in rows]
-    if ends and answer["window_from_open"]:
+    if ends and answer.window_from_open:
         ends[0][0] = f"≤ {ends[0][0]}"
-    if ends and answer["window_to_open"]:
+    if ends and answer.window_to_open:
         ends[-1][1] = f"≥ {ends[-1][1]}"
     return ", and ".join(low if low == high else f"{low} to {high}" for low, high in ends) + " ms"
 
 
-def answer_lines(answer: Row) -> list[str]:
+def answer_lines(answer: AnswerRow) -> list[str]:
     """An answer, most important first: '4 ms → 0.93 (0.90–0.96)', the window, the regret, reservations."""
-    verdict, chosen = answer["verdict"], answer["recommended_s"]
+    verdict, chosen = answer.verdict, answer.recommended_s
     works = verdict == WORKS
     lines = {CANNOT_TELL: [f"{CANNOT_TELL} from {pictures_text(answer)}: {needed_text(answer)}"]}
     found = lines.get(verdict, [] if works else [str(verdict)])
     if chosen is None or verdict == NONE_WORKS:
-        best = value_text(answer["best_score"], answer["best_score_low"], answer["best_score_high"])
-        limit = f", limited by {limit_text(answer['best_limited_by'])}" if answer["best_limited_by"] else ""
-        return [*found, f"best {EXPOSURE.text(answer['best_s'])}: {best}{limit}"]
-    names = "score_at_recommended", "score_at_recommended_low", "score_at_recommended_high"
-    found += [f"{EXPOSURE.text(chosen)} → {value_text(*(answer[name] for name in names))}"]
+        best = value_text(answer.best_score)
+        limit = f", limited by {limit_text(answer.best_limited_by)}" if answer.best_limited_by else ""
+        return [*found, f"best {EXPOSURE.text(answer.best_s)}: {best}{limit}"]
+    found += [f"{EXPOSURE.text(chosen)} → {value_text(answer.score_at_recommended)}"]
     found += [window_text(answer) if works else f"window of the mean: {window_text(answer)}"]
-    if works and answer["regret_95"] is not None:
-        found.append(f"regret at most {answer['regret_95']:.3f}")
-    if works and answer["few_pictures"]:
+    if works and answer.regret_95 is not None:
+        found.append(f"regret at most {answer.regret_95:.3f}")
+    if works and answer.few_pictures:
         found.append(f"only {pictures_text(answer)}")
-    share = answer["saturated_share_at_recommended"]
+    share = answer.saturated_share_at_recommended
     return found + [f"{100 * (share or 0):.0f} % of the picture saturated"] * ((share or 0) > _MANY_SATURATED)
 
 
-def needed_text(answer: Row) -> str:
+def needed_text(answer: AnswerRow) -> str:
     """How many pictures a verdict needs: 'about 80 pictures are needed', 'at least 3 more pictures are needed'."""
-    n, needed = answer["n_pictures"], answer["pictures_needed"]
+    n, needed = answer.n_pictures, answer.pictures_needed
     if needed is not None:
         return f"about {max(int(float(f'{needed:.2g}')), n + 1)} pictures are needed"
-    lacking = math.ceil(FEWEST * n / (answer["effective_pictures"] or 1.0)) - n
+    lacking = math.ceil(FEWEST * n / (answer.effective_pictures or 1.0)) - n
     return f"at least {lacking} more pictures are needed" if lacking > 0 else "very many pictures are needed"
 
 
-def pictures_text(answer: Row) -> str:
+def pictures_text(answer: AnswerRow) -> str:
     """'24 pictures'; '24 pictures, which count as 17' where unequal weights leave too few for an interval."""
-    n, effective = answer["n_pictures"], answer["effective_pictures"]
+    n, effective = answer.n_pictures, answer.effective_pictures
     less = any(effective < bound <= n for bound in (FEWEST, FEW))
     return f"{counted(n, 'picture')}{f', which count as {math.floor(effective)}' if less else ''}"
 

@@ -23,12 +23,12 @@ INSTANCES = Path("coco") / "instances.json"
 
 
 def write_truth(pictures: PictureSet, run: Path) -> None:
-    """Write what is in the pictures to ``run``/coco/instances.json; without labels it lists the pictures only.
+    """Write the labels to ``run``/coco/instances.json; without labels it lists the pictures only.
 
-    ids, areas, segmentations and crowds are those of the data set where it has them. A part has the ids of the whole.
-    Raises ``OSError``.
+    Ids, areas, segmentations and crowds are those of the data set where it has them. A part has the ids of the whole,
+    so that parts can be joined. Raises ``OSError``.
     """
-    own = {picture.name for picture in pictures}
+    names = {picture.name for picture in pictures}
     every = [(picture, target) for picture in pictures.every for target in picture.targets or ()]
     used = {target.annotation.get("id") for _, target in every}
     fresh = (number for number in count(1) if number not in used)
@@ -39,7 +39,7 @@ def write_truth(pictures: PictureSet, run: Path) -> None:
         new = {"id": next(fresh)} if "id" not in target.annotation else {}
         where = {"image_id": picture.image_id, "category_id": pictures.categories[target.label]}
         box = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": area, "iscrowd": int(target.crowd)}
-        if picture.name in own:
+        if picture.name in names:
             annotations.append({**target.annotation, **new, **where, **box})
     images = [{"id": picture.image_id, "file_name": picture.name} for picture in pictures]
     categories = [{"id": number, "name": name} for name, number in pictures.categories.items()]
@@ -54,18 +54,18 @@ def write_instances(run: Path, truth: Mapping[str, Any]) -> None:
 
 
 def read_truth(store: Store) -> dict[str, Any]:
-    """What :func:`write_truth` has written. Raises :class:`StoreError` where it is missing or broken."""
+    """The labels of a run, see :func:`write_truth`. Raises :class:`StoreError` where they are missing or broken."""
     try:
-        held: dict[str, Any] = validated(
+        truth: dict[str, Any] = validated(
             "truth", json_of(read_bytes(path_within(store.folder, INSTANCES)).decode())
         )
-        names = {each["file_name"] for each in held["images"]}
-        categories = {each["id"] for each in held["categories"]}
+        names = {image["file_name"] for image in truth["images"]}
+        categories = {category["id"] for category in truth["categories"]}
         if missing := sorted(store.pictures().keys() - names):
             raise ValueError(f"images: {missing[0]!r}, a picture of the run, is missing")
-        if unknown := [each for each in held["annotations"] if each["category_id"] not in categories]:
+        if unknown := [box for box in truth["annotations"] if box["category_id"] not in categories]:
             raise ValueError(f"category_id = {shown(unknown[0]['category_id'])}: must be in categories")
-        return held
+        return truth
     except (OSError, ValueError) as error:
         raise StoreError(
             f"{store.folder / INSTANCES}: cannot be read ({error}); repeat the sweep's command to restore it"
@@ -73,7 +73,7 @@ def read_truth(store: Store) -> dict[str, Any]:
 
 
 def truths(store: Store, setup: Setup) -> Callable[[str], Truth | None]:
-    """Each model's truth: the labels, or else what the model itself found in the original pictures.
+    """The truth of a model, by its name: the labels, or else its own detections in the original pictures.
 
     None for a reader of text. Raises :class:`StoreError` where the run's instances.json is missing or broken.
     """
@@ -99,8 +99,8 @@ def truths(store: Store, setup: Setup) -> Callable[[str], Truth | None]:
             facts = {"id": number, "image_id": image_ids[row.image], "category_id": ids[target.label]}
             annotations.append({**facts, "bbox": box, "area": box[2] * box[3], "iscrowd": 0})
         names = [{"id": number, "name": label} for label, number in ids.items()]
-        own = {"annotations": annotations, "categories": names}
-        return Truth(own, image_ids, {index: index + 1 for index in range(len(classes))}, sizes_px)
+        detections = {"annotations": annotations, "categories": names}
+        return Truth(detections, image_ids, {index: index + 1 for index in range(len(classes))}, sizes_px)
 
     return truth_of
 
@@ -113,8 +113,9 @@ def detection_files(setup: Setup) -> list[str]:
 def write_detections(store: Store, setup: Setup, folder: Path) -> list[Path]:
     """Write MODEL.json for each detector into ``folder``; returns the paths.
 
-    All that it found as COCO has results, each with the ``cell_id`` by which results.csv has the condition. Beside it
-    MODEL-instances.json, the truth at rest; targets.csv has where conditions move it. Raises ``OSError``.
+    MODEL.json has the detections as COCO has results, each with the ``cell_id`` by which results.csv has its
+    condition. MODEL-instances.json has the truth at rest; targets.csv has the boxes where motion takes them. Raises
+    ``OSError``.
     """
     written, truth_of, labels = [], truths(store, setup), read_truth(store)
     check_outputs(folder, *detection_files(setup))
@@ -124,8 +125,8 @@ def write_detections(store: Store, setup: Setup, folder: Path) -> list[Path]:
             continue
         rows = (
             json.dumps({**row, "cell_id": cell_id})
-            for cell_id, image, found in queries.detections_of(store, model)
-            for row in coco_results(found, truth.image_ids[image], truth.category_of)
+            for cell_id, image, detections in queries.detections_of(store, model)
+            for row in coco_results(detections, truth.image_ids[image], truth.category_of)
         )
         lines = (f"{',' if number else '['}\n{row}" for number, row in enumerate(rows))
         written.append(path_within(folder, f"{model}.json"))

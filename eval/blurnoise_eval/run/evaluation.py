@@ -27,7 +27,8 @@ from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.computing import Outcome, compute
 from blurnoise_eval.run.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.run.exposing import check_plan
-from blurnoise_eval.run.identity import begun_or_gone, note_models, open_run
+from blurnoise_eval.run.identity import begun_or_gone, open_run
+from blurnoise_eval.run.latency import note_models
 from blurnoise_eval.run.refine import Refine
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search import search

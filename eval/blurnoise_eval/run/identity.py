@@ -1,43 +1,34 @@
-"""A run folder: what makes two runs the same run, and what is noted of it and of its models once it is computed.
-
-Latency is the CPU time that one picture takes a model, from the picture to its answer.
-"""
+"""The identity of a run: what a run is noted as when it begins, and what must be the same where it goes on."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
-from itertools import chain, cycle
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from blurnoise._core.writing import remove_made
 from blurnoise.camera import Camera
-from blurnoise_eval.contracts.comparison import Comparison
-from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, sample
-from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.coco_export import write_truth
 from blurnoise_eval.run.setup import Setup
-from blurnoise_eval.scoring.on_picture import Model, Picture8
+from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE, RUN_FILES, RUN_PICTURES, check_outputs, writing
-from blurnoise_eval.system.machine import hardware, limited_threads, versions
+from blurnoise_eval.system.machine import hardware, versions
 from blurnoise_eval.system.urls import is_url
 
 HARMLESS = ("id",)
 """Fields of annotations that reach neither a pixel nor a box."""
 _LONGEST_SHOWN = 24  # letters of a value in an error
 _MOST_SHOWN = 5  # differences
-_PICTURES, _WARM_UP, _FEWEST, _MOST, _SECONDS = 8, 3, 10, 60, 3.0  # of latency: pictures, runs, seconds
 
 
 def open_run(
@@ -48,11 +39,10 @@ def open_run(
     plan: SweepPlan,
     facts: dict[str, Any],
 ) -> None:
-    """Note in the store what the run is; one without any answer, of a first attempt, is taken over.
+    """Note in the store what the run is made of. A run there that has no answer yet, of a first attempt, is replaced.
 
-    facts: what else the report shows (command, threads).
-    Raises :class:`StoreError` that lists what differs from the run in the store, ``ValueError`` for two models of one
-    name.
+    facts: what else the report shows (command, threads). Raises :class:`StoreError` that lists the differences to
+    the run in the store, and ``ValueError`` for two models of one name.
     """
     names = [model.name for model in models]
     if len(set(names)) < len(names):
@@ -62,8 +52,8 @@ def open_run(
     every, part = pictures.every, pictures.of_part
     identity = {
         "model": [
-            {"name": each.name, "sha256": each.sha256, "contract": _unsourced(each.contract.to_dict())}
-            for each in models
+            {"name": model.name, "sha256": model.sha256, "contract": _unsourced(model.contract.to_dict())}
+            for model in models
         ],
         "camera": _unsourced(camera.to_dict()),
         "plan": plan.to_dict(),
@@ -109,15 +99,19 @@ def open_run(
     store.set_about("manifest", {**manifest, **facts})
 
 
-def _absolute(place: str) -> str:
-    return place if is_url(place) else str(Path(place).absolute())
+def _absolute(path: str) -> str:
+    return path if is_url(path) else str(Path(path).absolute())
 
 
-def differences(held: Any, here: Any, at: str = "") -> list[str]:
-    """What differs between two documents: 'camera.f_number (2.0 there, 2.8 here)'."""
-    one, other = _flat(held, at), _flat(here, at)
-    found = {path: (one.get(path), other.get(path)) for path in {**one, **other}}
-    texts = {path: f" ({a} there, {b} here)" for path, (a, b) in found.items() if a != b}
+def differences(there: Any, here: Any, at: str = "") -> list[str]:
+    """The differences between two documents, each with its path and, where these are short, both values.
+
+    >>> differences({"seed": 1, "camera": {"f_number": 2.0}}, {"seed": 1, "camera": {"f_number": 2.8}})
+    ['camera.f_number (2.0 there, 2.8 here)']
+    """
+    one, other = _flat(there, at), _flat(here, at)
+    both = {path: (one.get(path), other.get(path)) for path in {**one, **other}}
+    texts = {path: f" ({a} there, {b} here)" for path, (a, b) in both.items() if a != b}
     return [path + text * (len(text) <= 2 * _LONGEST_SHOWN) for path, text in texts.items()]
 
 
@@ -126,21 +120,26 @@ def _flat(document: Any, at: str) -> dict[str, Any]:
     if not isinstance(document, Mapping | list) or not document:
         return {at: document}
     pairs = document.items() if isinstance(document, Mapping) else enumerate(document)
-    return {path: v for key, each in pairs for path, v in _flat(each, f"{at}.{key}".lstrip(".")).items()}
+    parts = (_flat(value, f"{at}.{key}".lstrip(".")) for key, value in pairs)
+    return {path: value for part in parts for path, value in part.items()}
 
 
 def listed(differing: Sequence[str]) -> str:
-    """Differences in a line."""
+    """Differences in a line.
+
+    >>> listed(["camera", "plan.seed"])
+    'camera and plan.seed'
+    """
     more = len(differing) - _MOST_SHOWN
     return " and ".join([*differing[:_MOST_SHOWN], *([f"{more} more"] if more > 0 else [])])
 
 
 def _replaced(pictures: PictureSet, store: Store) -> Iterator[Picture]:
     """Pictures that have changed since their cells were computed; a picture is read only if its file has changed."""
-    held = store.pictures()
-    for picture in (each for each in pictures if each.name in held):
-        before = held[picture.name]
-        if before.identity == picture.identity:
+    noted = store.pictures()
+    for picture in pictures:
+        before = noted.get(picture.name)
+        if before is None or before.identity == picture.identity:
             continue
         try:
             now = content(picture.load())
@@ -167,9 +166,9 @@ def _digest(text: str) -> str:
 
 
 def _annotations(picture: Picture) -> list[Any]:
-    """What a data set says of targets beside their boxes, such as polygons that they are cut out by."""
-    every = [target.annotation.items() for target in picture.targets or ()]
-    return [sorted((name, repr(value)) for name, value in each if name not in HARMLESS) for each in every]
+    """What a data set says of targets in addition to their boxes, such as polygons that they are cut out by."""
+    annotations = [target.annotation.items() for target in picture.targets or ()]
+    return [sorted((name, repr(value)) for name, value in of if name not in HARMLESS) for of in annotations]
 
 
 def _unsourced(values: dict[str, Any]) -> dict[str, Any]:
@@ -180,8 +179,10 @@ def _unsourced(values: dict[str, Any]) -> dict[str, Any]:
 def begun_or_gone(
     folder: Path, models: Sequence[Model], pictures: PictureSet, *, overwrite: bool = False
 ) -> Iterator[None]:
-    """A run is begun in the folder, or goes on there. Where the body fails before a cell is finished or a picture is
-    skipped, whatever it has made is deleted, and nothing else.
+    """Begin a run in the folder, or go on there.
+
+    Where the body fails before a cell is finished or a picture is skipped, the files and folders that it has made are
+    deleted: a typing error leaves no empty run behind.
 
     overwrite: as of :func:`~blurnoise_eval.run.evaluation.evaluate`. Raises ``OSError`` where the run or its report
     could not be written.
@@ -191,20 +192,20 @@ def begun_or_gone(
     )
     weights = (getattr(model, "path", None) for model in models)  # at a URL nothing of this machine
     inputs = chain((path for path in weights if isinstance(path, Path)), files)
-    with writing(overwrite=overwrite, inputs=inputs) as own:
+    with writing(overwrite=overwrite, inputs=inputs) as written:
         below = [folder / name for name in (*RUN_PICTURES, "coco")]
         check_outputs(folder, *RUN_FILES, *(f"{name}/" for name in RUN_PICTURES))
         stores = [folder / f"{RUN_FILE}{suffix}" for suffix in ("", "-wal", "-shm")]
-        new = [each for each in (*stores, *below, folder, *folder.parents) if not each.exists()]
-        since = len(own.made)
+        new = [path for path in (*stores, *below, folder, *folder.parents) if not path.exists()]
+        since = len(written.made)
         try:
             yield
         except BaseException:
             if stores[0] in new and not _has_begun(folder):
-                remove_made(own, since)
-                for each in new:
+                remove_made(written, since)
+                for path in new:
                     with suppress(OSError):  # missing, or not empty
-                        each.unlink() if each in stores else each.rmdir()
+                        path.unlink() if path in stores else path.rmdir()
             raise
 
 
@@ -214,63 +215,3 @@ def _has_begun(folder: Path) -> bool:
             return queries.has_begun(store)
     except StoreError:  # no file, or another process has it
         return (folder / RUN_FILE).is_file()
-
-
-def note_models(
-    store: Store,
-    models: Sequence[Model],
-    pictures: PictureSet,
-    comparisons: Mapping[str, Comparison],
-    *,
-    computed: int,
-) -> None:
-    """Add to the run's manifest each model's latency, once, and what comparing its contract showed.
-
-    computed: cells, now; where there are none, a model of which these are noted keeps its notes.
-    """
-    manifest = store.about("manifest")
-    for model, about in zip(models, manifest["models"], strict=True):
-        if not computed and "latency" in about:
-            continue
-        about["latency"] = about.get("latency") or latency(model, pictures)
-        if model.name in comparisons:
-            about["suspicions"] = list(comparisons[model.name].doubts)
-    store.set_about("manifest", manifest)
-
-
-def latency(model: Model, pictures: PictureSet) -> dict[str, Any]:
-    """CPU time, ms, median and 95th percentile over a few pictures in turns, one at a time on one thread.
-
-    Preparing the picture and decoding the outputs are included. Empty where no picture can be read, or the model
-    fails on one.
-    """
-    prepared = [(image, _boxes(picture, image)) for picture, image in sample(pictures, _PICTURES)]
-    if not prepared:
-        return {}
-    warm_up, times_s = max(_WARM_UP, len(prepared)), list[float]()
-    try:
-        with limited_threads(1):
-            for count, (image, boxes) in enumerate(cycle(prepared), start=1 - warm_up):
-                started_s = time.process_time()
-                if isinstance(model, Detector):
-                    model.detect(image)
-                else:
-                    model.read(image, boxes)
-                times_s.append(time.process_time() - started_s)
-                if count == _MOST or (count >= _FEWEST and sum(times_s[warm_up:]) > _SECONDS):
-                    break
-    except ModelError:
-        return {}
-    median_ms, p95_ms = 1e3 * np.percentile(times_s[warm_up:], (50, 95))
-    return {
-        "median_ms": float(median_ms),
-        "p95_ms": float(p95_ms),
-        "threads": 1,
-        "runs": len(times_s) - warm_up,
-        "pictures": len(prepared),
-    }
-
-
-def _boxes(picture: Picture, image: Picture8) -> list[tuple[float, float, float, float]]:
-    whole = (0.0, 0.0, float(image.shape[1]), float(image.shape[0]))
-    return [target.box_xyxy for target in picture.targets or () if target.text is not None] or [whole]

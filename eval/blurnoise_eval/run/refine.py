@@ -16,9 +16,9 @@ from itertools import product
 import numpy as np
 
 from blurnoise.camera import Camera
-from blurnoise_eval.answers.curves import Row
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import MOST_COMMON
+from blurnoise_eval.answers.rows import AnswerRow
 from blurnoise_eval.plan.axes import AUTOMATIC, EXPOSURE
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.plan import SweepPlan
@@ -74,7 +74,7 @@ class Refine:
         wanted: list[tuple[tuple[float, ...], float]] = []
         every = [row for table in tables for row in answers(table, run.criterion, monotone=monotone)]
         for answer in _largest(every):
-            at = tuple(answer[name] for name in names)
+            at = tuple(answer.conditions[name] for name in names)
             wanted += [(at, float(f"{math.sqrt(low * high):.3g}")) for low, high in _wide_gaps(answer)]
         models = run.averages(tables)
         for model in models:  # the exposures that promise to keep more on average, under all conditions
@@ -90,13 +90,13 @@ class Refine:
         return tuple(at for at in dict.fromkeys(chosen) if at not in noted)
 
 
-def _wide_gaps(answer: Row) -> list[tuple[float, float]]:
+def _wide_gaps(answer: AnswerRow) -> list[tuple[float, float]]:
     """The wide gaps between tested exposures in which a window ends, or an interval of its end. Where nothing is sure
     to work no gap matters."""
-    x = answer["exposures_s"]
-    bounds = zip(answer["windows_s"], answer["windows_low_s"], answer["windows_high_s"], strict=True)
+    x = answer.exposures_s
+    bounds = zip(answer.windows_s, answer.windows_low_s, answer.windows_high_s, strict=True)
     widest: dict[tuple[float, float], float] = {}
-    for window, *intervals in bounds if answer["verdict"] == "works" else ():
+    for window, *intervals in bounds if answer.verdict == "works" else ():
         for end, (low, high) in zip(window, intervals, strict=True):
             if not x[0] < end < x[-1]:
                 continue
@@ -113,12 +113,12 @@ def _wide_gaps(answer: Row) -> list[tuple[float, float]]:
     return [(low, high) for (low, high), stops in widest.items() if math.log2(high / low) > stops + _ROUNDED]
 
 
-def _largest(answers: Iterable[Row]) -> list[Row]:
+def _largest(answers: Iterable[AnswerRow]) -> list[AnswerRow]:
     """The answers of each model's largest groups."""
     every = list(answers)
     sizes: dict[str, dict[str, int]] = {}
     for answer in every:
-        own = sizes.setdefault(answer["model"], {})
-        own[answer["group"]] = max(own.get(answer["group"], 0), answer["n_targets"])
+        own = sizes.setdefault(answer.model, {})
+        own[answer.group] = max(own.get(answer.group, 0), answer.n_targets)
     largest = {model: sorted(own, key=own.__getitem__, reverse=True) for model, own in sizes.items()}
-    return [answer for answer in every if answer["group"] in largest[answer["model"]][:MOST_GROUPS]]
+    return [answer for answer in every if answer.group in largest[answer.model][:MOST_GROUPS]]

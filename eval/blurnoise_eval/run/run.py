@@ -26,7 +26,6 @@ from blurnoise_eval.datasets import Picture, PictureSet, eight_bit
 from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
-from blurnoise_eval.plan.axes import named
 from blurnoise_eval.plan.conditions import Cell
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
@@ -199,22 +198,22 @@ class Run:
     @property
     def scores(self) -> Rows:
         """A row per model and condition, as scores.csv has them."""
-        return [named(row) for row in self.tables.scores]
+        return [row.columns() for row in self.tables.scores]
 
     @property
     def curves(self) -> Rows:
         """A row per curve, as curves.csv has them, and the curve itself: ``x`` and ``confidence``."""
-        return [named(row) for row in self.tables.endurances]
+        return [row.columns() for row in self.tables.curves]
 
     @property
     def models(self) -> Rows:
         """A row per model, as models.csv has them."""
-        return self.tables.models
+        return [row.columns() for row in self.tables.models]
 
     @property
     def answers(self) -> Rows:
         """For each model, target group, light and velocity the exposures that work, s, and the one to use."""
-        return [named(row) for row in self.tables.answers]
+        return [row.columns() for row in self.tables.answers]
 
     @property
     def skipped(self) -> Rows:

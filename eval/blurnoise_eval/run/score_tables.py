@@ -30,9 +30,10 @@ from blurnoise_eval.run.surface import Trend, predicted_table
 from blurnoise_eval.scoring.evaluated import NO_TRUTH, Evaluated
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from blurnoise_eval.scoring.scores import of_conditions
-from blurnoise_eval.scoring.uncertainty import Estimate
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.queries import TargetColumns, target_columns
+from blurnoise_eval.store.rows import ScoreRow
 from blurnoise_eval.store.store import Store
 
 LEAST_AP50 = 0.05
@@ -57,25 +58,13 @@ def run_scores(
     made_of |= {"by_size": by_size, "version": _VERSION, "scores": names}
     kept = store.about(_SCORES, own=True)
     if kept is not None and made_of == {name: kept.get(name) for name in made_of}:
-        return [
-            Scored(
-                row, _estimate(performance), {size: _estimate(each) for size, each in sizes.items()}, counts
-            )
-            for row, performance, sizes, counts in kept["found"]
-        ]
+        return [Scored.of_document(document) for document in kept["found"]]
     every = []
     for scored_condition in _scored(store, setup, criterion.cluster, by_size):
         every.append(scored_condition)
         progress(1)
-    store.keep(_SCORES, made_of | {"found": every})
+    store.keep(_SCORES, made_of | {"found": [condition.document() for condition in every]})
     return every
-
-
-def _estimate(kept: Sequence[Any]) -> Estimate:
-    """As JSON has it: a list."""
-    value, influence, cautious = kept
-    away = None if influence is None else np.array(influence, float)
-    return Estimate(value, away, None if cautious is None else _estimate(cautious))
 
 
 def _scored(
@@ -86,8 +75,8 @@ def _scored(
     *,
     original_only: bool = False,
 ) -> Iterator[Scored]:
-    def moves(row: Mapping[str, Any]) -> tuple[Any, Any]:
-        exposure, objects = setup.exposure(row), setup.plan.objects
+    def moves(at: AxisValues) -> tuple[Any, Any]:
+        exposure, objects = setup.exposure(at), setup.plan.objects
         return box_mover(exposure, objects), box_sweeper(exposure, objects)
 
     clusters = numbered(queries.pictures_seen(store), cluster)
@@ -95,7 +84,7 @@ def _scored(
     return scored(store, conditions, truths(store, setup), moves, clusters, by_size)
 
 
-def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+def models_withheld(manifest: Mapping[str, Any], scores: Iterable[ScoreRow]) -> dict[str, str]:
     """Why detectors have no answer: their AP50 on the labelled original pictures is below ``LEAST_AP50``.
 
     Such a detector has a wrong contract or knows other classes, so its score says nothing about an exposure.
@@ -103,7 +92,11 @@ def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, A
     if not manifest["images"]["labelled"]:
         return {}
     detectors = {model["name"] for model in manifest["models"] if model["kind"] == "detector"}
-    clean = {row["model"]: row.get("ap50") for row in scores if row["clean"] and row["model"] in detectors}
+    clean = {
+        row.model: row.scores["ap50"].value
+        for row in scores
+        if row.conditions.original and row.model in detectors
+    }
     notes = manifest["images"].get("notes", ())
     doubts = [note.removeprefix(DOUBTFUL_LABELS) for note in notes if note.startswith(DOUBTFUL_LABELS)]
     labels = f"Are the labels right? {'; '.join(doubts)}. Else: is" if doubts else "Is"

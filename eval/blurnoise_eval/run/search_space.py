@@ -79,7 +79,7 @@ class SearchSpace:
 
     @property
     def further(self) -> dict[str, float]:
-        """Values of the other axes, the first of several; the camera's own stand on those that are not named."""
+        """The values on the other axes, the first of several. Axes that are left out have the camera's own values."""
         return {name: self.grid[name][0] for name in FURTHER if name in self.grid}
 
     @cached_property
@@ -96,61 +96,71 @@ class SearchSpace:
 
 def what_breaks(
     camera: Camera,
-    question: SearchSpace,
+    space: SearchSpace,
     trajectory: str | TrajectorySpec | None = None,
     *,
     pulsed: bool = False,
 ) -> list[str]:
-    """Why the plane does not hold for a question, a reason each; empty where it holds. pulsed: whether a lamp is."""
-    low, high = question.exposures_s
-    directions = {direction_of(line.velocity_px_s) for line in question.lines} - {None}
+    """The reasons why conditions of equal light and motion do not give equal pictures; empty where they do.
+
+    pulsed: whether there is a pulsed lamp.
+    """
+    low, high = space.exposures_s
+    directions = {direction_of(line.velocity_px_s) for line in space.lines} - {None}
     path = trajectory if isinstance(trajectory, str | None) else trajectory.text
     reasons = {
         "the camera sets the exposure itself": high == AUTOMATIC,
         "there is one exposure": low == high != AUTOMATIC,
-        "without light there is no lux x seconds": 0 in question.grid[LIGHT.name],
+        "without light there is no lux x seconds": 0 in space.grid[LIGHT.name],
         f"the motion has {len(directions)} directions, with another blur in each": len(directions) > 1,
         f"along {path} each exposure sees another part of the path": path is not None,
-        "with a camera that drives the blur differs from place to place": question.further.get(EGO.name, 0)
-        > 0,
+        "the camera drives, and blur differs across the picture": space.further.get(EGO.name, 0) > 0,
         "a longer exposure misses fewer pulses of the lamp": pulsed,
-        "a capture begins at a time of its own, whatever the exposure": any(
-            each.start_s for each in camera.sensor.captures
+        "a capture starts at a fixed time, whatever the exposure": any(
+            capture.start_s for capture in camera.sensor.captures
         ),
     }
     for name in FURTHER:
-        reasons[f"{axis(name).title.lower()} has several values"] = len(question.grid.get(name, ())) > 1
-    return [reason for reason, holds in reasons.items() if holds] or _of_time_alone(camera, question)
+        reasons[f"{axis(name).title.lower()} has several values"] = len(space.grid.get(name, ())) > 1
+    return [reason for reason, holds in reasons.items() if holds] or _of_time_alone(camera, space)
 
 
-def _of_time_alone(camera: Camera, question: SearchSpace) -> list[str]:
-    """What the budget keeps at the longest exposure, DN RMS, and would not be the same at the shortest.
+def _of_time_alone(camera: Camera, space: SearchSpace) -> list[str]:
+    """Effects that the error budget keeps at the longest exposure and whose size depends on the exposure time itself.
 
-    At gain 0 dB: gain raises the dark charge and the noise that hides it alike.
+    In DN RMS at a gain of 0 dB: gain raises the dark charge and the noise that hides it alike.
     """
     camera = camera.with_figures(captures=())  # later ones are shorter
-    (shortest_s, longest_s), temperature_c = question.exposures_s, question.further.get("temperature_c", 25.0)
+    (shortest_s, longest_s), temperature_c = space.exposures_s, space.further.get("temperature_c", 25.0)
 
     def budget(of: Camera, exposure_s: float, white_e: float) -> tuple[Contribution, ...]:
         return plan_at(Resolved(of, exposure_s, temperature_c, white_e, (1.0, 0.0))).stages
 
-    found = [each for each in budget(camera, longest_s, 0.0) if each.name == DARK_CURRENT.name]
+    effects = [effect for effect in budget(camera, longest_s, 0.0) if effect.name == DARK_CURRENT.name]
     cold, bright_e = camera.with_figures(dark_current_e_s=0.0), camera.sensor.full_well_e
     both = zip(budget(cold, shortest_s, bright_e), budget(cold, longest_s, bright_e), strict=True)
-    found += [long for short, long in both if long.contribution_dn != short.contribution_dn]
+    effects += [long for short, long in both if long.contribution_dn != short.contribution_dn]
     at = f"in {1e3 * longest_s:g} ms at {temperature_c:g} °C"
-    kept = {each.name: each.contribution_dn for each in found if each.kept}
+    kept = {effect.name: effect.contribution_dn for effect in effects if effect.kept}
     return [f"{name} depends on the exposure time alone ({dn:.2g} DN {at})" for name, dn in kept.items()]
 
 
 def direction_of_all(lines: Sequence[Line]) -> tuple[float, float]:
-    """Direction of motion of the first line that moves."""
-    found = (direction_of(line.velocity_px_s) for line in lines)
-    return next((each for each in found if each is not None), AT_REST)
+    """The direction of motion of the first line that moves, a unit vector.
+
+    >>> direction_of_all([Line(50.0), Line(50.0, (300.0, 400.0))])
+    (0.6, 0.8)
+    """
+    directions = (direction_of(line.velocity_px_s) for line in lines)
+    return next((direction for direction in directions if direction is not None), AT_REST)
 
 
 def exposures_on(exposures: Range, per_stop: float) -> Array:
-    """Exposures from end to end, both included, at least ``per_stop`` to a stop."""
+    """Exposures from end to end, both included, at least ``per_stop`` to a stop.
+
+    >>> exposures_on((0.001, 0.008), 1).round(4).tolist()
+    [0.001, 0.002, 0.004, 0.008]
+    """
     low, high = exposures
     count = 1 + math.ceil(per_stop * math.log2(high / low) - 1e-9)
     return np.geomspace(low, high, max(count, 1))

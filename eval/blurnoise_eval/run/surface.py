@@ -265,13 +265,13 @@ class Predicted:
         return np.asarray((beyond <= reach) & within.all(axis=1))
 
 
-def predicted_table(plane: ScoreTable, question: SearchSpace, trend: Trend) -> ScoreTable:
-    """Of one plane the table of all lines of the question, ``PER_STOP`` exposures to a stop; without conditions where
+def predicted_table(plane: ScoreTable, space: SearchSpace, trend: Trend) -> ScoreTable:
+    """Of one plane the table of all lines of the search, ``PER_STOP`` exposures to a stop; without conditions where
     the model knows too little. The covariance of the prediction is that of the surface, ``CAUTION`` times as wide."""
     if plane.knows_too_little:
         return plane.take([])
-    exposures = exposures_on(question.exposures_s, PER_STOP)
-    lines = sorted(question.lines, key=lambda line: (line.illuminance_lux, line.velocity_px_s))
+    exposures = exposures_on(space.exposures_s, PER_STOP)
+    lines = sorted(space.lines, key=lambda line: (line.illuminance_lux, line.velocity_px_s))
     count = len(lines) * len(exposures)
     conditions = {name: np.full(count, values[0]) for name, values in plane.conditions.items()}
     conditions["exposure_s"] = np.tile(exposures, len(lines))

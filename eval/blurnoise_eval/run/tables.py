@@ -14,7 +14,7 @@ from blurnoise_eval.answers.curves import endurances, endurances_across
 from blurnoise_eval.answers.exposure_window import answers, natural
 from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.recommendation import average_curve, recommendations
-from blurnoise_eval.plan.axes import named
+from blurnoise_eval.answers.rows import AnswerRow, CurveRow
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
@@ -28,6 +28,7 @@ from blurnoise_eval.run.score_tables import (
 )
 from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.columns import UNKNOWN
 from blurnoise_eval.store.rows import Example, LabelledBox
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.tables import plain
@@ -35,7 +36,6 @@ from blurnoise_eval.system.tables import plain
 _FINE = 12  # predicted exposures for each curve over blur
 _LISTED = 8  # labels that a warning names
 _PREDICTED = "Answers and curves are predicted from these. The intervals include the error of prediction."
-_OF_GRID = ("mpc", "rpc")  # means over a grid's conditions, which a search does not visit evenly
 Row = dict[str, Any]
 
 
@@ -59,8 +59,8 @@ def tables_of(
     known = [table for table in tables if not table.knows_too_little]
     order = {name: index for index, name in enumerate(setup.models)}
     dark = dark_below(setup.camera)
-    answer_rows: list[Row] = []
-    curve_rows: list[Row] = []
+    answer_rows: list[AnswerRow] = []
+    curve_rows: list[CurveRow] = []
     # sorted() is stable: settings and velocities stay in their order
     for table in sorted(known, key=lambda table: (order[table.model], natural(table.group))):
         answer_rows += answers(table, criterion, dark, monotone=setup.monotone)
@@ -83,17 +83,15 @@ def tables_of(
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     models = model_rows(
         manifest["models"],
-        scores,
-        [condition.performance for condition in scored],
+        scored,
         curve_rows,
         setup.grid_exposures_s,
         setup.labelled,
     )
     if setup.searched:
         manifest["searched"] = [*strategy_sentences(setup), _PREDICTED]
-        manifest["taken"] = [row for row in scores if not row["clean"]]
-        unknown = {f"{name}{end}": None for name in _OF_GRID for end in ("", "_low", "_high")}
-        models = [{**model, **unknown} for model in models]
+        # means over a grid's conditions, which a search does not visit evenly
+        models = [replace(model, mpc=UNKNOWN, rpc=UNKNOWN) for model in models]
     else:
         manifest["warnings"] += strategy_sentences(setup)
     return RunData(
@@ -113,7 +111,7 @@ def of_page(tables: RunData, setup: Setup) -> RunData:
     """The tables that the page shows: after a search without the scores of its nodes, which lie on no grid."""
     if not setup.searched:
         return tables
-    return replace(tables, scores=[row for row in tables.scores if row["clean"]])
+    return replace(tables, scores=[row for row in tables.scores if row.conditions.original])
 
 
 def summary_of(tables: RunData, setup: Setup) -> Row:
@@ -127,8 +125,8 @@ def summary_of(tables: RunData, setup: Setup) -> Row:
         "targets_found": manifest.get("targets_found", {}),
         "reflectance": reflectance(tables),
         **{name: manifest[name] for name in ("cluster", "software")},
-        "models": tables.models,
-        "answers": [{name: plain(value) for name, value in named(row).items()} for row in tables.answers],
+        "models": [row.columns() for row in tables.models],
+        "answers": [{name: plain(value) for name, value in row.columns().items()} for row in tables.answers],
         "decided": search_counts(setup),
     }
 

@@ -5,10 +5,10 @@ Domain: SI units and the units in the names; px of the simulated picture; shares
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from blurnoise_eval.store.columns import (
     ANY_TEXT,
@@ -169,3 +169,15 @@ class ScoreRow(Row):
     )
     lamps: OfLamps | None = None
     scores: Mapping[str, WithInterval] = field(default_factory=dict)
+
+    @classmethod
+    def of_columns(cls, values: Mapping[str, Any], scores: Iterable[str]) -> ScoreRow:
+        """The row of these values by column, with the columns of these scores."""
+        about = {
+            name: values[name] for name in ("model", "blur_px", "n_pictures", "n_targets", "errors", *MEANS)
+        }
+        lamps = [OfLamps(values[name]) for name in ("missed_pulse_share",) if name in values]
+        estimates = {
+            name: WithInterval(*(values[f"{name}{end}"] for end in ("", "_low", "_high"))) for name in scores
+        }
+        return cls(conditions=AxisValues.of(values), lamps=next(iter(lamps), None), scores=estimates, **about)

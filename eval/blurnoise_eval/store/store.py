@@ -331,9 +331,7 @@ class Store:
 
     def _document(self, field: str, text: str) -> Any:
         try:
-            return json.loads(
-                text, object_hook=Stated, parse_constant=None if field == "scores" else _infinite
-            )
+            return json.loads(text, object_hook=Stated, parse_constant=_infinite)
         except (ValueError, RecursionError) as error:
             raise self.damaged(field, str(error)) from None
 

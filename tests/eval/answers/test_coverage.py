@@ -193,5 +193,5 @@ def test_a_plateau_just_below_the_level_rarely_works():
     for _ in range(100):
         values = np.clip(0.8 + 0.15 * rng.normal(size=(20, 10, 1)), 0.0, 1.0)
         (answer,) = answers(table(values, np.geomspace(0.001, 0.1, 10).tolist()), Criterion(0.8, kept=False))
-        works += answer["verdict"] == "works"
+        works += answer.verdict == "works"
     assert works <= 5

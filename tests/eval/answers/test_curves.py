@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.curves import endurances
 from blurnoise_eval.plan.axes import SETTING
-from made_tables import curve, endurances, over, tables
+from made_tables import curve, over, tables
 from plans import OWN
 
 EXPOSURES_S = (0.01, 0.02, 0.04)
@@ -61,8 +62,10 @@ def test_means_leave_out_what_was_not_measured():
     assert mean[0] == pytest.approx([1.6 / 4, 0.6 / 3, 1.6 / 4])
     assert over(table, table.saturated)[0] == pytest.approx([0.15, 0.2, 0.15])
     found = list(endurances(table, Criterion(0.6, kept=False)))
-    by_exposure = next(each for each in found if each.axis == "exposure_s" and each.velocity_x_px_s == 400.0)
-    by_blur = next(each for each in found if each.axis == "blur_px" and each.exposure_s == 0.04)
+    by_exposure = next(
+        each for each in found if each.axis == "exposure_s" and each.conditions["velocity_x_px_s"] == 400.0
+    )
+    by_blur = next(each for each in found if each.axis == "blur_px" and each.conditions["exposure_s"] == 0.04)
     assert (by_exposure.x, by_blur.x) == ((0.01, 0.02), (0.0, 4.0))
 
 
@@ -90,7 +93,11 @@ def test_area_and_failure_of_a_straight_line():
     velocities = tuple((speed, 0.0) for speed in (0.0, 100.0, 200.0, 400.0))
     every = rows(lambda _i, _r, _t, v: 1 - 0.04 * v / 20, velocities=velocities, exposures=(0.04,))
     (curve,) = endurances(*tables(every), Criterion(0.7, kept=False))
-    assert (curve.axis, curve.at["exposure_s"], curve.at["velocity_x_px_s"]) == ("blur_px", 0.04, None)
+    assert (curve.axis, curve.conditions["exposure_s"], curve.conditions["velocity_x_px_s"]) == (
+        "blur_px",
+        0.04,
+        None,
+    )
     assert curve.x == pytest.approx((0, 4, 8, 16))
     assert (curve.auc, curve.fails_at) == (pytest.approx(0.6), pytest.approx(6))
     assert (curve.fails_low, curve.fails_high, curve.auc_low) == (None, None, None)  # four pictures

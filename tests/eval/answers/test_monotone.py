@@ -5,8 +5,9 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.monotone import is_uniform, pooled
-from made_tables import answers, over, table
+from made_tables import over, table
 from scipy.optimize import minimize
 
 SPEEDS = ((0.0, 0.0), (100.0, 0.0), (300.0, 0.0), (1000.0, 0.0))

@@ -56,7 +56,7 @@ def test_rows_of_a_run(tmp_path):
         return None, None
 
     first, second = score_rows(tmp_path, results, truth, moves=moves)
-    clean, exposed = first.row, second.row
+    clean, exposed = first.row.columns(), second.row.columns()
     assert moved == [0.01]
     shared = ("model", *CONDITIONS, "blur_px", "n_pictures", "n_targets", "errors", *MEANS)
     columns = [f"{score.name}{end}" for score in table.of_conditions() for end in ("", "_low", "_high")]
@@ -79,7 +79,8 @@ def test_scores_have_intervals_over_clusters(tmp_path):
     truth = truth_of(names)
     values = {name: [{"confidence": float(value)} for value in confidence[name]] for name in names}
     results = [cell(name, found[name], values[name], repeat) for repeat in range(2) for name in names]
-    ((row, whole, *_),) = score_rows(tmp_path, results, truth)
+    ((measured, whole, *_),) = score_rows(tmp_path, results, truth)
+    row = measured.columns()
     sums, counts = [np.array([f(confidence[name]) for name in names]) for f in (np.sum, len)]
     expected = uncertainty.of_level(sums.sum() / counts.sum(), uncertainty.influence(sums, counts))
     np.testing.assert_allclose((row["target_confidence_low"], row["target_confidence_high"]), expected)
@@ -95,9 +96,9 @@ def test_scores_have_intervals_over_clusters(tmp_path):
     assert row["detection_rate_low"] < row["detection_rate"] < row["detection_rate_high"]
     assert row["exact_match_low"] is row["calibration_error_low"] is None
     ((few, *_),) = score_rows(tmp_path, [], truth, r"(\d)\.jpg$")
-    assert few["ap_low"] == row["ap_low"]  # the pattern tells every picture apart
+    assert few.scores["ap"] == measured.scores["ap"]  # the pattern tells every picture apart
     ((one, *_),) = score_rows(tmp_path, [], truth, "jpg")
-    assert (one["ap"], one["ap_low"]) == (row["ap"], None)  # one cluster
+    assert one.scores["ap"] == (row["ap"], None, None)  # one cluster
 
 
 def test_a_new_score_is_one_entry(tmp_path, monkeypatch):
@@ -107,7 +108,7 @@ def test_a_new_score_is_one_entry(tmp_path, monkeypatch):
     doubled = table.Score("half", "Half", table.DETECTOR, **half)
     monkeypatch.setattr(table, "SCORES", (*table.SCORES, alarms, doubled))
     ((row, *_),) = score_rows(tmp_path, [cell("p", rows=[{"confidence": 0.8}], clean=True)])
-    assert (row["alarms"], row["half"]) == (7.0, 0.4)
+    assert (row.scores["alarms"].value, row.scores["half"].value) == (7.0, 0.4)
     assert "half" in criterion.names("detector")
     assert "alarms" not in criterion.names("detector")
     assert criterion.Criterion(0.9, kept=True, score="half").text == "keeps 0.9 of its half"

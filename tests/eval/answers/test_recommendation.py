@@ -21,7 +21,7 @@ def kept_table(
 
 def rows(*every, level=0.9):
     found = recommendations(averages(list(every), level))
-    return {(row["illuminance_lux"], row["speed"]): row for row in found}
+    return {(row.conditions["illuminance_lux"], row.speed): row for row in found}
 
 
 def test_the_exposure_that_keeps_most_on_average_wins_over_the_one_that_is_surest():
@@ -30,41 +30,41 @@ def test_the_exposure_that_keeps_most_on_average_wins_over_the_one_that_is_sures
     dim = kept_table({0.0: {0.001: 0.40, 0.003: 0.85, 0.01: 0.88}}, 2.0)
     found = rows(bright, dim)
     whole = found[None, None]
-    assert whole["exposure_s"] == 0.003
-    assert whole["score"] == pytest.approx((0.95 + 0.85) / 2)
-    assert whole["regret"] == pytest.approx((0.01 + 0.03) / 2)
-    assert (whole["n_works"], whole["n_fails"], whole["n_conditions"]) == (1, 1, 2)
-    assert (found[2.0, None]["exposure_s"], found[2.0, None]["verdict"]) == (0.01, FAILS)
-    assert (found[1000.0, None]["exposure_s"], found[1000.0, None]["verdict"]) == (0.001, SURE)
-    assert found[2.0, None]["score_at_overall_exposure"] == pytest.approx(0.85)
+    assert whole.exposure_s == 0.003
+    assert whole.score.value == pytest.approx((0.95 + 0.85) / 2)
+    assert whole.regret == pytest.approx((0.01 + 0.03) / 2)
+    assert (whole.n_works, whole.n_fails, whole.n_conditions) == (1, 1, 2)
+    assert (found[2.0, None].exposure_s, found[2.0, None].verdict) == (0.01, FAILS)
+    assert (found[1000.0, None].exposure_s, found[1000.0, None].verdict) == (0.001, SURE)
+    assert found[2.0, None].score_at_overall_exposure == pytest.approx(0.85)
 
 
 def test_what_saturates_a_tenth_is_not_used_while_another_works():
     values = {0.0: {0.001: 0.92, 0.01: 0.99}}
-    assert rows(kept_table(values))[None, None]["exposure_s"] == 0.01
+    assert rows(kept_table(values))[None, None].exposure_s == 0.01
     bright = kept_table(values, saturated={0.01: 0.95})
-    assert rows(bright)[None, None]["exposure_s"] == 0.001
+    assert rows(bright)[None, None].exposure_s == 0.001
     weak = kept_table({0.0: {0.001: 0.5, 0.01: 0.99}}, saturated={0.01: 0.95})
-    assert rows(weak)[None, None]["exposure_s"] == 0.01  # nothing else works
-    assert rows(weak)[None, None]["saturated_share"] == pytest.approx(0.95)
+    assert rows(weak)[None, None].exposure_s == 0.01  # nothing else works
+    assert rows(weak)[None, None].saturated_share == pytest.approx(0.95)
     every = kept_table(values, saturated={0.001: 0.3, 0.01: 0.9})
-    assert rows(every)[None, None]["exposure_s"] == 0.001  # all that work saturate: the least of them
+    assert rows(every)[None, None].exposure_s == 0.001  # all that work saturate: the least of them
 
 
 def test_saturation_is_averaged_as_the_values_are():
     """14 % at one of three lights is not a tenth of what this exposure sees."""
     lights = [kept_table({0.0: {0.001: 0.90, 0.003: 0.96}}, lux) for lux in (2.0, 50.0)]
     bright = kept_table({0.0: {0.001: 0.91, 0.003: 0.95}}, 1000.0, saturated={0.003: 0.14})
-    assert rows(*lights, bright)[None, None]["exposure_s"] == 0.003
-    assert rows(*lights, bright)[1000.0, None]["exposure_s"] == 0.001
+    assert rows(*lights, bright)[None, None].exposure_s == 0.003
+    assert rows(*lights, bright)[1000.0, None].exposure_s == 0.001
 
 
 def test_the_interval_of_an_average_is_paired_by_picture():
     """The same pictures in two lights: their mean varies as each does, and as a Student interval says."""
     lights = [kept_table({0.0: {0.001: 0.6}}, lux, pictures=50, spread=0.2) for lux in (2.0, 50.0)]
-    (whole,) = [row for row in recommendations(averages(lights, 0.5)) if row["scope"] == "all"]
+    (whole,) = [row for row in recommendations(averages(lights, 0.5)) if row.scope == "all"]
     spread = np.linspace(-0.2, 0.2, 50).std(ddof=1) / np.sqrt(50)
-    assert whole["score"] - whole["score_low"] == pytest.approx(2.01 * spread, rel=0.15)
+    assert whole.score.value - whole.score.low == pytest.approx(2.01 * spread, rel=0.15)
 
 
 def test_what_is_sure_at_a_speed_is_at_slower_ones_too():
@@ -72,9 +72,9 @@ def test_what_is_sure_at_a_speed_is_at_slower_ones_too():
     some = [kept_table({0.0: {0.001: 0.92}, 600.0: {0.001: 0.97}, 900.0: {0.001: 0.2}})]
     verdicts = [
         [
-            row["verdict"]
+            row.verdict
             for row in recommendations(averages(some, 0.9, monotone=pooled))
-            if row["scope"] == "condition"
+            if row.scope == "condition"
         ]
         for pooled in (False, True)
     ]

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers.curves import Curve
+from blurnoise_eval.answers.curves import ScoreCurve
 from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.per_condition import Scored
 from blurnoise_eval.answers.table import tables_by_size
 from blurnoise_eval.scoring import uncertainty
-from blurnoise_eval.scoring.uncertainty import Estimate, left_out
+from blurnoise_eval.scoring.uncertainty import ClusterEstimate, left_out
+from blurnoise_eval.store.columns import ORIGINAL, AxisValues
+from blurnoise_eval.store.rows import ScoreRow
 from plans import OWN
 
 PICTURES = 12
@@ -19,9 +21,9 @@ def estimate(value):
 
 
 def sized(exposure_s, speed, large, **pictures):
-    row = {"model": "m", "exposure_s": exposure_s, "illuminance_lux": 50.0, "velocity_x_px_s": speed, **OWN}
-    row |= {"velocity_y_px_s": 0.0, "saturated_share": None, "brightness": None, **pictures}
-    nothing = dict.fromkeys(("all", "small", "medium"), Estimate(None))
+    at = {"exposure_s": exposure_s, "illuminance_lux": 50.0, "velocity_x_px_s": speed, "velocity_y_px_s": 0.0}
+    row = ScoreRow("m", AxisValues.of({**at, **OWN}), None, 1, 9, 0, **pictures)
+    nothing = dict.fromkeys(("all", "small", "medium"), ClusterEstimate(None))
     return Scored(row, large, {**nothing, "large": large}, {"all": 9, "small": 0, "medium": 4, "large": 5})
 
 
@@ -52,7 +54,7 @@ def test_values_and_intervals_are_the_scores_own(kept):
     for (exposure_s, speed), own in CONDITIONS.items():
         (line,) = table.take([at.index((exposure_s, speed))]).along("exposure_s")
         assert line.mean[0] == pytest.approx(own.value / (0.5 if kept else 1.0))
-        curve = Curve.over("exposure_s", line)
+        curve = ScoreCurve.over("exposure_s", line)
         ends = curve.interval()
         away = own.influence
         if kept:
@@ -64,14 +66,14 @@ def test_values_and_intervals_are_the_scores_own(kept):
 def rows_of(clean, exposed):
     """Of models whose AP in the clean and in the exposed pictures is a mean over pictures, (pictures, models)."""
     models = [{"name": f"m{place}", "kind": "detector"} for place in range(clean.shape[1])]
-    scores, performances = [], []
+    every = []
     for place, model in enumerate(models):
         for values, is_clean in ((clean, True), (exposed, False)):
             own = values[:, place]
-            light = {"illuminance_lux": 0.0, "exposure_s": 0.01}  # no light: no place on the plane
-            scores.append({"model": model["name"], "clean": is_clean, **light})
-            performances.append(Estimate(float(own.mean()), own - own.mean()))
-    return model_rows(models, scores, performances, [], (), True)
+            at = ORIGINAL if is_clean else AxisValues.of({"illuminance_lux": 0.0, "exposure_s": 0.01})
+            row = ScoreRow(model["name"], at, None, 1, 1, 0)
+            every.append(Scored(row, ClusterEstimate(float(own.mean()), own - own.mean()), {}, {}))
+    return model_rows(models, every, [], (), True)
 
 
 @pytest.mark.slow
@@ -83,5 +85,5 @@ def test_of_many_models_alike_hardly_ever_one_is_behind():
     wrong = 0
     for _ in range(400):
         values = 0.5 + 0.1 * generator.normal(size=(20, 1)) + 0.05 * generator.normal(size=(20, 16))
-        wrong += any((row["mpc_deficit_low"] or 0.0) > 0 for row in rows_of(values, values))
+        wrong += any((row.mpc_deficit.low or 0.0) > 0 for row in rows_of(values, values))
     assert wrong / 400 <= 0.05 + 0.022

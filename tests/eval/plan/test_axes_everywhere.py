@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import stored_rows
 from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.curves import endurances, endurances_across
+from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.plan.axes import AXES, CORE, EGO, MOVES, NAMES, SETTING, VELOCITY
@@ -22,7 +24,7 @@ from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.store import Store
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from made_tables import answers, endurances, endurances_across, tables
+from made_tables import tables
 from plans import IMX250
 
 MOST = 48  # conditions of a grid
@@ -156,7 +158,7 @@ def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid):
         value for each in settings for value in (pooled(each) if is_uniform(each) else each).mean.tolist()
     )
     assert Counter(value for answer in told for value in answer.confidence) == over_speeds
-    assert len({tuple(answer.at.values()) for answer in told}) == len(told)
+    assert len({answer.conditions for answer in told}) == len(told)
 
     curves = [curve for each in found for curve in endurances(each, Criterion(0.5, kept=False))]
     curves += [curve for each in found for curve in endurances_across(each, Criterion(0.5, kept=False))]
@@ -164,5 +166,5 @@ def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid):
         over = [curve for curve in curves if curve.axis == axis]
         several = len(plan.values(axis)) > 1 and axis_of(axis).fails
         assert Counter(value for curve in over for value in curve.confidence) == (exposed if several else {})
-        assert all(curve.x == plan.values(axis) and curve.at[axis] is None for curve in over)
-        assert len({tuple(curve.at.values()) for curve in over}) == len(over)
+        assert all(curve.x == plan.values(axis) and curve.conditions[axis] is None for curve in over)
+        assert len({curve.conditions for curve in over}) == len(over)

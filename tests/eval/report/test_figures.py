@@ -31,11 +31,11 @@ def test_figures_draw_the_measured_points_in_their_units(tmp_path):
     data = made_run(tmp_path, n_examples=0)
     answer = data.answers[3]  # 100 px sign, 200 lux, 600 px/s
     by_exposure = _lines(_drawn(data, "exposure"), 1)
-    assert by_exposure["600 px/s"] == (pytest.approx([1, 4, 16, 64]), _near(answer["confidence"]))
+    assert by_exposure["600 px/s"] == (pytest.approx([1, 4, 16, 64]), _near(answer.confidence))
     for word, x in (("blur", [0, 1 + math.log10(0.004 * 600)]), ("speed", [0, 600])):
         lines = _lines(_drawn(data, word), 1)
         assert set(lines) == {"1 ms", "4 ms", "16 ms", "64 ms"}
-        expected = [data.answers[2]["confidence"][1], answer["confidence"][1]]
+        expected = [data.answers[2].confidence[1], answer.confidence[1]]
         assert lines["4 ms"] == (pytest.approx(x), _near(expected))
     assert "only the speed changes" in " ".join(_drawn(data, "blur").get_supxlabel().split())
 
@@ -68,10 +68,10 @@ def test_a_further_axis_has_a_figure_of_its_own(tmp_path):
     assert figure.axes[3].get_title() == "stop sign 100 px\n200 lux · 85 °C · n = 12"
     own = [
         a for a in data.answers
-        if (a["group"], a["illuminance_lux"], a["temperature_c"]) == ("stop sign 100 px", 200.0, 85.0)
-        and a["velocity_x_px_s"] == 600.0
+        if a.group == "stop sign 100 px" and a.conditions.velocity_px_s == (600.0, 0.0)
+        and (a.conditions["illuminance_lux"], a.conditions["temperature_c"]) == (200.0, 85.0)
     ]  # fmt: skip
-    assert _lines(figure, 3)["4 ms"] == ([1.4, 2.0, 2.8], _near([a["confidence"][1] for a in own]))
+    assert _lines(figure, 3)["4 ms"] == ([1.4, 2.0, 2.8], _near([a.confidence[1] for a in own]))
     assert figure.axes[0].get_xscale() == "log"
     assert list(figure.axes[0].get_xticks()) == [1.4, 2.0, 2.8]
     assert figure.get_supxlabel().splitlines()[:2] == ["f-number", "At 600 px/s."]

@@ -87,21 +87,25 @@ def test_curves_carry_every_measured_point(reported):
     numbers = Page(page).numbers
     of_targets = [each for each in numbers["series"] if each[0] == 0]
     assert [each[:4] for each in of_targets] == [[0, 0, 0, 0.95], [0, 0, 1, 0.5]]
-    assert sum(len(each[4]) for each in of_targets) == sum(len(a["exposures_s"]) for a in data.answers) == 32
+    assert sum(len(each[4]) for each in of_targets) == sum(len(a.exposures_s) for a in data.answers) == 32
     place, *values, n = of_targets[0][4][7]
     answer = data.answers[1]
     exposure, velocity, light = numbers["conditions"][place]
     assert n == 12
     assert [numbers["axes"][k]["x"][at] for k, at in enumerate((exposure, velocity, light))] == [64, 600, 10]
-    expected = [answer["confidence"][3], answer["low"][3], answer["high"][3]]
+    expected = [answer.confidence[3], answer.low[3], answer.high[3]]
     assert values == pytest.approx(expected, abs=6e-5)  # four decimals
     names = [measure["name"] for measure in numbers["measures"]]
     clean, rows = next(each[3:] for each in numbers["series"] if each[0] == names.index("AP50 (all targets)"))
-    assert clean == pytest.approx(data.scores[0]["ap50"], abs=6e-5)
-    row = next(row for row in data.scores if row["exposure_s"] == 0.016 and row["velocity_x_px_s"] == 600)
+    assert clean == pytest.approx(data.scores[0].scores["ap50"].value, abs=6e-5)
+    row = next(
+        row
+        for row in data.scores
+        if row.conditions["exposure_s"] == 0.016 and row.conditions["velocity_x_px_s"] == 600
+    )
     place, *values, n = rows[6]
     assert (numbers["conditions"][place], n) == ([2, 1, 0], 3)
-    assert values == [pytest.approx(row["ap50"], abs=6e-5), None, None]
+    assert values == [pytest.approx(row.scores["ap50"].value, abs=6e-5), None, None]
 
 
 def test_the_library_is_inlined_once_and_nothing_is_fetched(reported):

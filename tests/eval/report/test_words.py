@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,7 +13,8 @@ from blurnoise_eval.plan.axes import EGO, LIGHT, SETTING_AXES
 from blurnoise_eval.report import findings, settings, tables, words
 from blurnoise_eval.report.opening import opening, table_rows
 from blurnoise_eval.report.run import RunData
-from made_runs import EXPOSURES_S, THRESHOLD, made_run
+from blurnoise_eval.store.columns import UNKNOWN, WithInterval
+from made_runs import THRESHOLD, made_run
 
 GOLDEN = Path(__file__).parents[2] / "data" / "report_words.txt"
 SIGN: dict[str, Any] = {"groups": {"sign": 0.95}}
@@ -25,7 +27,7 @@ Change = Callable[[RunData], RunData]
 def kept(data):
     """The same numbers, as shares that are kept."""
     criterion = Criterion(THRESHOLD, kept=True)
-    answers = [answer | {"criterion": criterion.text} for answer in data.answers]
+    answers = [replace(answer, criterion=criterion.text) for answer in data.answers]
     return replace(data, answers=answers, manifest=data.manifest | {"criterion": criterion.row()})
 
 
@@ -34,23 +36,26 @@ def told(**facts):
 
 
 def ranked(data):
+    models = []
     for row, mpc, behind in zip(data.models, (0.30, 0.41, 0.40), (0.11, None, 0.01), strict=True):
-        low, high = (None, None) if behind is None else (behind - 0.02, behind + 0.02)
-        row |= {"mpc": mpc, "mpc_deficit": behind, "mpc_deficit_low": low, "mpc_deficit_high": high}
-    data.models[1].update(ap50=None, p=None, false_positives_per_image=0.5)
-    return data
+        deficit = UNKNOWN if behind is None else WithInterval(behind, behind - 0.02, behind + 0.02)
+        models.append(replace(row, mpc=WithInterval(mpc), mpc_deficit=deficit))
+    scores = {**models[1].scores, "ap50": UNKNOWN, "false_positives_per_image": WithInterval(0.5)}
+    models[1] = replace(models[1], p=UNKNOWN, scores=scores)
+    return replace(data, models=models)
 
 
 def saturating(data):
-    values = [
-        {"values": [0.99 if each == 0.016 else 0.5 for each in row["exposures_s"]]} for row in data.averages
+    averages = [
+        replace(curve, values=tuple(0.99 if each == 0.016 else 0.5 for each in curve.exposures_s))
+        for curve in data.averages
     ]
-    return replace(data, averages=[row | own for row, own in zip(data.averages, values, strict=True)])
+    return replace(data, averages=averages)
 
 
 def of_each_light(data):
     """As where the camera sets the exposure: what is tested under one light is not under another."""
-    return replace(data, recommendations=[row for row in data.recommendations if row["scope"] != "all"])
+    return replace(data, recommendations=[row for row in data.recommendations if row.scope != "all"])
 
 
 WITHHELD = [{"model": "m", "group": "g", "n_targets": 3, "reference": 0.1}]
@@ -148,22 +153,15 @@ NONE = (None, None)
     ],
 )
 def test_window_text(windows_s, low, high, opens, expected):
-    answer = {
-        "windows_s": windows_s,
-        "windows_low_s": low,
-        "windows_high_s": high,
-        "exposures_s": EXPOSURES_S,
-    }
-    assert (
-        words.window_text(answer | dict(zip(("window_from_open", "window_to_open"), opens, strict=True)))
-        == expected
-    )
+    made = {"windows_s": windows_s, "windows_low_s": low, "windows_high_s": high}
+    made |= dict(zip(("window_from_open", "window_to_open"), opens, strict=True))
+    assert words.window_text(SimpleNamespace(**made)) == expected
 
 
 def test_intervals_hold_their_value():
-    assert words.value_text(0.896, 0.8961, 0.8969) == "0.90 (0.89–0.90)"
-    assert words.value_text(0.9, 0.9, 0.9) == "0.90 (0.90–0.90)"
-    assert words.value_text(0.5, 0, 1) == "0.50 (0.00–1.00)"
+    assert words.value_text(WithInterval(0.896, 0.8961, 0.8969)) == "0.90 (0.89–0.90)"
+    assert words.value_text(WithInterval(0.9, 0.9, 0.9)) == "0.90 (0.90–0.90)"
+    assert words.value_text(WithInterval(0.5, 0, 1)) == "0.50 (0.00–1.00)"
 
 
 @pytest.mark.slow

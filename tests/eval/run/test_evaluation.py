@@ -11,7 +11,7 @@ from blurnoise_eval import Run, datasets, evaluate, expose
 from blurnoise_eval.default_camera import default_camera
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.run import TABLES
-from blurnoise_eval.run import identity
+from blurnoise_eval.run import latency
 from blurnoise_eval.run.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.store.store import StoreError
 from blurnoise_models.detector import STOP_SIGN
@@ -62,7 +62,7 @@ def test_python_and_the_command_find_the_same(done, detector, pictures, tmp_path
 
 
 def test_a_run_opens_again_and_goes_on(done, detector, pictures, monkeypatch):
-    monkeypatch.setattr(identity, "latency", lambda *_: pytest.fail("is known"))
+    monkeypatch.setattr(latency, "latency", lambda *_: pytest.fail("is known"))
     again = evaluate(
         [detector], pictures, "imx250", PLAN, Question(threshold=0.2), done.folder, strategy="grid"
     )

@@ -87,7 +87,7 @@ def refined(detector, tmp_path_factory):
 
 def rows(run):
     with Store(run.folder) as store:
-        found = [(cell.cell_id, cell.image, cell.conditions.exposure_s) for cell in store.cells()]
+        found = [(cell.cell_id, cell.image, cell.conditions) for cell in store.cells()]
         return [sorted(found, key=repr), Run.open(run.folder).setup.batches]
 
 

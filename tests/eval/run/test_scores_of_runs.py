@@ -3,17 +3,19 @@
 import json
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from blurnoise_eval import Run, evaluate
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import PictureSet, Target
-from blurnoise_eval.plan.axes import SETTING
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.met_conditions import met_conditions
 from blurnoise_eval.run.score_tables import LEAST_AP50, dark_below, models_withheld, run_scores
 from blurnoise_eval.run.setup import Setup
+from blurnoise_eval.store.columns import AxisValues, WithInterval
+from blurnoise_eval.store.rows import ScoreRow
 from blurnoise_eval.store.store import Store
 from made_tables import table
 from plans import IMX250
@@ -108,6 +110,12 @@ def test_dark_is_half_of_what_auto_exposure_aims_at():
     assert dark_below(IMX250.with_figures(tone=((0.0, 0.0), (1.0, 1.0)))) == pytest.approx(0.09, abs=1 / 255)
 
 
+def score_row(ap50=None, saturated_share=None, **at):
+    """A model's row under the conditions ``at``; without any, of the original pictures."""
+    scores = {"ap50": WithInterval(ap50)}
+    return ScoreRow("m", AxisValues.of(at), None, 1, 1, 0, saturated_share=saturated_share, scores=scores)
+
+
 @pytest.mark.parametrize(
     ("ap50", "kind", "labelled", "withheld"),
     [
@@ -120,7 +128,7 @@ def test_dark_is_half_of_what_auto_exposure_aims_at():
 )
 def test_a_detector_of_no_precision_is_withheld(ap50, kind, labelled, withheld):
     manifest = {"models": [{"name": "m", "kind": kind}], "images": {"labelled": labelled}}
-    rows = [{"model": "m", "clean": 0, "ap50": 0.9}, {"model": "m", "clean": 1, "ap50": ap50}]
+    rows = [score_row(0.9, exposure_s=0.01), score_row(ap50)]
     assert list(models_withheld(manifest, rows)) == (["m"] if withheld else [])
 
 
@@ -133,7 +141,7 @@ def test_a_detector_of_no_precision_is_withheld(ap50, kind, labelled, withheld):
 )
 def test_doubtful_labels_are_asked_for_before_the_contract(note, question):
     manifest = {"models": [{"name": "m", "kind": "detector"}], "images": {"labelled": True, "notes": [note]}}
-    assert question in models_withheld(manifest, [{"model": "m", "clean": 1, "ap50": 0.0}])["m"]
+    assert question in models_withheld(manifest, [score_row(0.0)])["m"]
 
 
 def test_scores_are_computed_once_for_each_question(run):
@@ -156,12 +164,16 @@ def test_scores_are_computed_once_for_each_question(run):
 def test_conditions_are_left_for_training_with_saturation_and_what_is_recommended(tmp_path):
     """Those for each light at each speed, at the gain that they are for; not what a light's or all average says."""
     plan = swept((0.002, 0.01), (5.0, 50.0), (0.0, 400.0), gain_db=(6.0, 12.0))
-    every = [{"clean": False, "saturated_share": 0.25, **at.on(IMX250)} for at in plan.conditions()]
-    rows = 2 * [{"clean": True}, *every]  # of two models
-    names = ("scope", "illuminance_lux", "gain_db", "speed", "exposure_s")
+    every = [score_row(saturated_share=0.25, **at.on(IMX250)) for at in plan.conditions()]
+    rows = 2 * [score_row(), *every]  # of two models
     told = [
-        {**{name: rows[1][name] for name in SETTING}, **dict(zip(names, values, strict=True))}
-        for values in (
+        SimpleNamespace(
+            scope=scope,
+            conditions=rows[1].conditions.but(illuminance_lux=lux, gain_db=gain_db),
+            speed=speed,
+            exposure_s=exposure_s,
+        )
+        for scope, lux, gain_db, speed, exposure_s in (
             ("condition", 5.0, 12.0, 400.0, 0.002),
             ("condition", 50.0, None, 0.0, 0.01),
             ("light", 50.0, None, 400.0, 0.002),

@@ -84,7 +84,7 @@ def test_interrupted_it_goes_on_to_the_same_rows(done, detector, tmp_path, after
     with pytest.raises(KeyboardInterrupt):
         decide(tmp_path, detector, engine=Stopping(after))
     with Store(tmp_path) as store:
-        cells = sum(not cell["clean"] for cell in store.cells())
+        cells = sum(not cell.conditions.original for cell in store.cells())
         wanted = sum(len(batch.conditions) for batch in Run.open(tmp_path).setup.batches) * len(PICTURES)
     assert cells < wanted  # noted before it was computed
     again = decide(tmp_path, detector)
@@ -106,11 +106,11 @@ def test_where_the_plane_does_not_hold_it_is_the_grid(detector, tmp_path):
 
 def test_the_exposure_to_use_is_measured_under_every_light_and_speed(done):
     """Or one within a fifth of a stop of it: what is kept there is no prediction alone."""
-    (whole,) = [row for row in done.tables.recommendations if row["scope"] == "all"]
+    (whole,) = [row for row in done.tables.recommendations if row.scope == "all"]
     common = [at for batch in done.setup.batches if not batch.places for at in batch.conditions]
     measured = {at.exposure_s for at in common}
     assert 0 < len(measured) <= MOST_COMMON
-    assert min(abs(math.log2(whole["exposure_s"] / each)) for each in measured) <= CLOSE
+    assert min(abs(math.log2(whole.exposure_s / each)) for each in measured) <= CLOSE
     assert len(common) == len(measured) * len(QUESTION.lines)
 
 

@@ -49,7 +49,7 @@ def test_lattice_is_near_every_place_of_every_line_and_nowhere_else(lines):
 
 
 def line_of(at):
-    return Line(at.illuminance_lux, (at.stated["velocity_x_px_s"], at.stated["velocity_y_px_s"]))
+    return Line(at.illuminance_lux, (at.specified["velocity_x_px_s"], at.stated["velocity_y_px_s"]))
 
 
 @pytest.mark.parametrize("lines", [LINES, LINES[2:3], [Line(7.0, (0.0, -333.0)), Line(70.0)]])
@@ -95,7 +95,7 @@ def test_equal_light_and_motion_are_equal_frames(captures):
         ({"illuminance_lux": (0.0, 5.0)}, "without light there is no lux x seconds"),
         ({"exposure_s": (0.01,)}, "there is one exposure"),
         ({"exposure_s": (AUTOMATIC,)}, "the camera sets the exposure itself"),
-        ({"ego_speed_m_s": (10.0,)}, "a camera that drives"),
+        ({"ego_speed_m_s": (10.0,)}, "the camera drives"),
     ],
 )
 def test_what_breaks_the_plane(axes, reason):
@@ -112,4 +112,4 @@ def test_lamps_and_captures_that_break_the_plane():
     assert what_breaks(CAMERA.with_figures(captures=two_gains), SearchSpace(ONE_WAY)) == []
     apart = (Capture(), Capture(exposure_ratio=16, start_s=0.05))
     (reason,) = what_breaks(CAMERA.with_figures(captures=apart), SearchSpace(ONE_WAY))
-    assert "begins at a time of its own" in reason
+    assert "starts at a fixed time" in reason

@@ -15,16 +15,16 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.plan.axes import NAMES
 from blurnoise_eval.plan.conditions import cell_seed
 from blurnoise_eval.plan.plan import SweepPlan
-from blurnoise_eval.run import identity
+from blurnoise_eval.run import identity, latency
 from blurnoise_eval.run.coco_export import write_detections
 from blurnoise_eval.run.computing import compute
 from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.run.tables import tables_of
 from blurnoise_eval.run.work import blocks, count_cells
-from blurnoise_eval.store.columns import CONDITIONS
 from blurnoise_eval.store.store import Store
 from coco_oracle import target_confidence
 from plans import plan as swept
@@ -161,10 +161,10 @@ def test_models_of_one_sweep_are_as_each_alone(detector, second, tmp_path):
     for model in (detector, second):
         alone, own = run(tmp_path / model.name, [model], LABELLED)
         assert [cell for cell in cells if cell["model"] == model.name] == own
-        assert [row for row in both.scores if row["model"] == model.name] == alone.scores
-        assert [a for a in both.answers if a["model"] == model.name] == alone.answers
-    assert [row["model"] for row in both.models] == ["small", "second"]
-    assert both.models[0]["p"] != both.models[1]["p"]
+        assert [row for row in both.scores if row.model == model.name] == alone.scores
+        assert [a for a in both.answers if a.model == model.name] == alone.answers
+    assert [row.model for row in both.models] == ["small", "second"]
+    assert both.models[0].p != both.models[1].p
     assert both.manifest["n_cells"] == len(cells) / 2 == count_cells(LABELLED, SMALL)
 
 
@@ -177,7 +177,7 @@ def test_a_model_that_throws_on_a_picture_is_noted_and_the_others_go_on(
     assert [(cell["model"], cell["target_confidence"]) for cell in failed] == [("small", None)] * 3
     error = {"model": "small", "error": "m.onnx: fails on a picture (bad shape)", "cells": 3}
     assert data.manifest["errors"] == [error]
-    assert sum(row["errors"] for row in data.scores) == 3
+    assert sum(row.errors for row in data.scores) == 3
     monkeypatch.setattr(detector, "look", Failing(detector, range(10_000)))
     with pytest.raises(ModelError, match=r"bad shape.*every one of 8"):
         run(tmp_path / "all", [second, detector], LABELLED)
@@ -192,15 +192,18 @@ def test_detections_are_results_that_pycocotools_judges_alike(detector, tmp_path
         ]
     found = json.loads((tmp_path / "coco" / "small.json").read_text())
     for row in data.scores:
-        of = {each["cell_id"] for each in cells if all(each[name] == row[name] for name in CONDITIONS)}
+        at = row.conditions
+        of = {each["cell_id"] for each in cells if all(each[name] == at[name] for name in NAMES)}
         with redirect_stdout(StringIO()):
             coco = COCO(str(tmp_path / "coco" / "small-instances.json"))
             judge = COCOeval(coco, coco.loadRes([each for each in found if each["cell_id"] in of]), "bbox")
             judge.evaluate()
             judge.accumulate()
             judge.summarize()
-        assert (row["ap"], row["ap50"], row["ar100"]) == pytest.approx(judge.stats[[0, 1, 8]], abs=1e-9)
-        assert not row["clean"] or row["ap"] > 0.5
+        assert tuple(row.scores[name].value for name in ("ap", "ap50", "ar100")) == pytest.approx(
+            judge.stats[[0, 1, 8]], abs=1e-9
+        )
+        assert not at.original or row.scores["ap"].value > 0.5
 
 
 class Clock:
@@ -220,11 +223,11 @@ class Clock:
 
 def test_latency_is_cpu_time_without_warm_up(detector, monkeypatch):
     clock = Clock()
-    monkeypatch.setattr(identity, "time", clock)
+    monkeypatch.setattr(latency, "time", clock)
     monkeypatch.setattr(detector, "detect", clock.detect)
-    measured = identity.latency(detector, pictures(SIGN, count=6))
+    measured = latency.latency(detector, pictures(SIGN, count=6))
     assert measured["pictures"] == 6
     assert [measured["median_ms"], measured["p95_ms"]] == pytest.approx([20, 20])
     assert 10 <= measured["runs"] <= 60
     monkeypatch.setattr(detector, "detect", Failing(detector, range(100)))
-    assert identity.latency(detector, LABELLED) == {}
+    assert latency.latency(detector, LABELLED) == {}
