@@ -208,7 +208,7 @@ def _taken(
 
     raw = [
         _capture(scene, at, seeds, options, tolerance_dn, tones, shared)
-        for at, seeds in captures_of_exposure(scene, exposure, camera, batch)
+        for at, seeds in captures_of_exposure(scene, exposure, batch)
     ]
 
     channels = scene.light.shape[1]
