@@ -141,6 +141,11 @@ def expose_layers(
 
     exposure_s: a number or (B,). velocity_px_s: of the background, (2,) or (B, 2). Differentiable in every light,
     matte, velocity and exposure. Raises ``TypeError`` or ``ValueError`` naming the argument.
+
+    >>> sign = Layer(torch.ones(1, 3, 4), torch.ones(3, 4), velocity_px_s=(300.0, 0.0), place_px=(5, 2))
+    >>> light = expose_layers(torch.zeros(1, 1, 8, 14), [sign], exposure_s=0.01)
+    >>> round(float(light.sum()), 1)  # 3 px of motion spread the light of 12 px and keep it
+    12.0
     """
     image_batch("background", background)
     one_of("border", border, BORDERS)

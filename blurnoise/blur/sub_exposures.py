@@ -65,7 +65,14 @@ class MovingPlane(NamedTuple):
 
 
 def flow_warp(image: Tensor, displacement_px: Tensor, *, border: Border = "reflect") -> Tensor:
-    """Pictures (B, C, H, W) that show at p what was at p - d(p), d (2, H, W) or (B, 2, H, W), px; differentiable."""
+    """Pictures (B, C, H, W) that show at p what was at p - d(p), d (2, H, W) or (B, 2, H, W), px; differentiable.
+
+    >>> dot = torch.zeros(1, 1, 3, 7)
+    >>> dot[..., 1, 2] = 1.0
+    >>> flow = torch.tensor([2.0, 0.0])[:, None, None].expand(2, 3, 7)
+    >>> flow_warp(dot, flow, border="constant")[0, 0, 1].tolist()
+    [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]
+    """
     planes, (height, width) = flowing(image, displacement_px, border), image.shape[-2:]
     window, at_the_end = Window(0, 0, height, width), [(slice(0, height), [1.0])]
     return torch.stack([_means([plane], window, at_the_end, fine=False)[0] for plane in planes])

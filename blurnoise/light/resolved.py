@@ -190,7 +190,11 @@ def velocities(velocity_px_s: object, image: Tensor) -> Tensor:
 
 
 def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:
-    """Midrange of flows (B, 2, H, W), (B, 2), and the largest distance from it, (B,)."""
+    """Midrange of flows (B, 2, H, W), (B, 2), and the largest distance from it, (B,).
+
+    >>> middle_of(torch.tensor([[[[1.0, 3.0]], [[0.0, 0.0]]]]))
+    (tensor([[2., 0.]]), tensor([1.]))
+    """
     seen = flow_px.detach()
     middle = (seen.amax((2, 3)) + seen.amin((2, 3))) / 2
     return middle, (seen - middle[:, :, None, None]).square().sum(1).amax((1, 2)).sqrt()
