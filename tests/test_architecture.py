@@ -178,8 +178,6 @@ NAMED_TWICE: dict[str, set[str]] = {
     "Curve": {"blurnoise.camera.spectra", "blurnoise_eval.calibration.fit"},
     "Distortion": {"blurnoise.camera.lens", "blurnoise.light.lens"},
     "Draws": {"blurnoise.metrics.information", "blurnoise_models.scenes.paint"},
-    "Line": {"blurnoise.metrics.edge.place", "blurnoise_eval.run.search_space"},
-    "Response": {"blurnoise.blur.fourier", "blurnoise.metrics.edge.response"},
     "Scene": {"blurnoise.scene.scene", "blurnoise_models.scenes.compose"},
 }
 """Names that stand for several classes all the same, and where; no further ones."""

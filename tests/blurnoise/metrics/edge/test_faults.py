@@ -10,7 +10,7 @@ from edge_cases import CASES, CAUGHT, SPARED, Draw, Setting, measured, smoothed,
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.faults import certain
 from blurnoise.metrics.edge.hidden import gaussian_edge
-from blurnoise.metrics.edge.place import correlation_of
+from blurnoise.metrics.edge.position import correlation_of
 from blurnoise.metrics.edge.response import FREQUENCIES, Response, block_weights, widening
 
 WRONG = {case.name: case for case in CASES if case.deceives}
