@@ -62,7 +62,7 @@ class EdgeResponse:
 
 
 def exact_response(spline: Spline, sides: Sides, weights: Tensor | None) -> EdgeResponse:
-    """The response at FREQUENCIES of the spline, and of its resamples by ``weights`` (n, H), which carry the noise twice.
+    """Response at FREQUENCIES of the spline, and of its resamples by ``weights`` (n, H), which carry the noise twice.
 
     The derivative of a cubic B-spline is a difference of two quadratic ones, hence the response is the Fourier sum
     of the coefficients' differences times sinc^3.
