@@ -30,7 +30,6 @@ LONGEST_LINES = 450
 MOST_PARAMETERS = 10
 WITH_MORE_PARAMETERS = {
     "blurnoise.scene.simulate.simulate",  # a keyword for each condition, for those who know no record yet
-    "blurnoise.scene.plan.plan",
 }
 """Functions that may have more; commands may, too: their parameters are the arguments and options of the command."""
 
@@ -169,6 +168,45 @@ def prints(source):
         isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("print", "Console")
         for node in ast.walk(ast.parse(source))
     )
+
+
+NAMED_TWICE: dict[str, set[str]] = {
+    # a door for another library
+    "RandomExposure": {"blurnoise.albumentations", "blurnoise.training.augmentation"},
+    "Annotation": {"blurnoise_eval.datasets.coco_labels", "blurnoise_eval.datasets.voc_labels"},
+    "Axis": {"blurnoise.blur.fourier", "blurnoise_eval.plan.axes"},
+    "Box": {"blurnoise_eval.datasets.voc_labels", "blurnoise_eval.measure.find_edges"},
+    "Category": {"blurnoise_eval.datasets.coco_labels", "blurnoise_eval.run.documents"},
+    "Comparison": {"blurnoise_eval.contracts.comparison", "blurnoise_eval.measure.comparison"},
+    "Curve": {"blurnoise.camera.spectra", "blurnoise_eval.calibration.fit"},
+    "Distortion": {"blurnoise.camera.lens", "blurnoise.light.lens"},
+    "Draws": {"blurnoise.metrics.information", "blurnoise_models.scenes.paint"},
+    "Frame": {"blurnoise_eval.datasets.bdd_labels", "blurnoise_eval.run.exposing"},
+    "Header": {
+        "blurnoise_eval.calibration.headers",
+        "blurnoise_eval.datasets.images",
+        "blurnoise_eval.datasets.netpbm",
+    },
+    "Layout": {"blurnoise.blur.fourier", "blurnoise_eval.detectors.formats.family"},
+    "Line": {"blurnoise.metrics.edge.place", "blurnoise_eval.run.search_space"},
+    "Objects": {"blurnoise.light.motion", "blurnoise_eval.datasets.yolo_labels"},
+    "Response": {"blurnoise.blur.fourier", "blurnoise.metrics.edge.response"},
+    "Scene": {"blurnoise.scene.scene", "blurnoise_eval.datasets.rendered", "blurnoise_models.scenes.compose"},
+}
+"""Names that stand for several classes all the same, and where; no further ones."""
+
+
+def test_no_name_stands_for_two_classes():
+    """In all packages, private ones included: who reads a name knows what it is."""
+    homes: dict[str, set[str]] = {}
+    for module, path in SOURCES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                homes.setdefault(node.name.lstrip("_"), set()).add(module)
+    twice = {name: modules for name, modules in homes.items() if len(modules) > 1}
+    assert not {
+        name: modules for name, modules in twice.items() if not modules <= NAMED_TWICE.get(name, set())
+    }
 
 
 def test_no_file_is_too_long():

@@ -50,7 +50,11 @@ def read_text(path: Path) -> str:
 
 
 def text_of(data: bytes) -> str:
-    """Text in UTF-8, with or without a byte-order mark; line ends become ``\\n``. Raises ``ValueError``."""
+    """Text in UTF-8, with or without a byte-order mark; line ends become ``\\n``. Raises ``ValueError``.
+
+    >>> text_of(b"a\\r\\nb")
+    'a\\nb'
+    """
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -86,7 +90,14 @@ def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def yaml_of(text: str) -> Any:
-    """``text`` as YAML of plain values. Raises ``ValueError`` of one line."""
+    """``text`` as YAML of plain values. Raises ``ValueError`` of one line.
+
+    >>> yaml_of("{width: 3, at: 1:30}")
+    {'width': 3, 'at': '1:30'}
+    >>> yaml_of("{a: 1, a: 2}")
+    Traceback (most recent call last):
+    ValueError: a: stands twice, again in line 1
+    """
     if len(text) > _LARGEST_BYTES:
         raise ValueError(f"longer than {_LARGEST_BYTES} characters")
     try:

@@ -31,18 +31,30 @@ class Capture:
 
 
 def staggered(*ratios: float) -> tuple[Capture, ...]:
-    """A capture followed by shorter ones, by exposure ratio: ``staggered(16)``, ``staggered(16, 256)``."""
+    """A capture followed by shorter ones, by exposure ratio: ``staggered(16)``, ``staggered(16, 256)``.
+
+    >>> [capture.exposure_ratio for capture in staggered(16, 256)]
+    [1.0, 16.0, 256.0]
+    """
     return (Capture(), *(Capture(exposure_ratio=ratio) for ratio in ratios))
 
 
 def factors(captures: Sequence[Capture]) -> list[float]:
-    """R_k = T_1 s_1 / (T_k s_k) of every capture: electrons of the first for one of capture k."""
+    """R_k = T_1 s_1 / (T_k s_k) of every capture: electrons of the first for one of capture k.
+
+    >>> factors(staggered(16, 256))
+    [1.0, 16.0, 256.0]
+    """
     first = captures[0].exposure_ratio / captures[0].sensitivity
     return [each.exposure_ratio / each.sensitivity / first for each in captures]
 
 
 def longest_first_s(captures: Sequence[Capture], within_s: float) -> float:
-    """Longest exposure of the first capture, s, so that all captures end in ``within_s``; that without captures."""
+    """Longest exposure of the first capture, s, so that all captures end in ``within_s``; that without captures.
+
+    >>> longest_first_s(staggered(16), 0.017)
+    0.016
+    """
     longest_s, start_s, lasts = within_s, 0.0, 0.0
     for capture in captures:
         if capture.start_s is not None:
@@ -53,7 +65,11 @@ def longest_first_s(captures: Sequence[Capture], within_s: float) -> float:
 
 
 def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float, float]]:
-    """Start and duration of each capture, s. Raises ``ValueError`` for captures that overlap."""
+    """Start and duration of each capture, s. Raises ``ValueError`` for captures that overlap.
+
+    >>> windows(staggered(16), 0.016)
+    [(0.0, 0.016), (0.016, 0.001)]
+    """
     times: list[tuple[float, float]] = []
     for capture in captures:
         taken_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio

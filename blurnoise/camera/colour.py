@@ -43,6 +43,9 @@ class FilterCurves:
     """Electrons per photon behind each colour filter, IR-cut included: a number over 400-700 nm or a curve.
 
     A pattern needs those of its own filters. Raises ``TypeError`` or ``ValueError`` naming the filter.
+
+    >>> FilterCurves(red=0.3, green=0.5, blue=0.4).of("G")
+    0.5
     """
 
     red: Spectrum | None = None
@@ -107,7 +110,11 @@ def _check_matrix(ccm: Matrix, cfa: str) -> None:
 
 
 def picture_tone(value: object, name: str = "encoding") -> PictureTone:
-    """``value`` as a picture's tone curve, its points as tuples. Raises ``TypeError`` or ``ValueError``."""
+    """``value`` as a picture's tone curve, its points as tuples. Raises ``TypeError`` or ``ValueError``.
+
+    >>> picture_tone([(0, 0), (1, 1)])
+    ((0.0, 0.0), (1.0, 1.0))
+    """
     if isinstance(value, str):
         return cast(PictureTone, one_of(name, value, ("srgb", "linear", "filmic")))
     try:
@@ -148,7 +155,13 @@ def as_rows(rows: Iterable[Floats]) -> Matrix:
 
 
 def toned(light: Tensor, curve: ToneCurve) -> Tensor:
-    """``light``, any shape, clamped to [0, 1] and coded; differentiable."""
+    """``light``, any shape, clamped to [0, 1] and coded; differentiable.
+
+    >>> toned(torch.tensor([0.18]), "srgb")
+    tensor([0.4614])
+    >>> toned(torch.tensor([0.2]), ((0.0, 0.0), (0.5, 0.8), (1.0, 1.0)))
+    tensor([0.3200])
+    """
     if isinstance(curve, str):
         value = srgb_from_linear(light)
         return value if curve == "srgb" else value * value * (3 - 2 * value)
@@ -163,6 +176,9 @@ def untoned(coded: Tensor, curve: PictureTone) -> Tensor:
     """The light of coded values, any shape, in [0, 1]: the inverse of :func:`toned`; differentiable.
 
     Where a curve's points are level, it is the least light of that value.
+
+    >>> untoned(torch.tensor([0.4614]), "srgb")
+    tensor([0.1800])
     """
     if curve == "linear":
         return coded.clamp(0.0, 1.0)
@@ -182,7 +198,11 @@ Encoding = Literal["srgb", "linear"]
 
 
 def linear_from_srgb(coded: Tensor) -> Tensor:
-    """Linear light of sRGB-coded values, any shape; values outside [0, 1] are clamped."""
+    """Linear light of sRGB-coded values, any shape; values outside [0, 1] are clamped.
+
+    >>> linear_from_srgb(torch.tensor([0.5]))
+    tensor([0.2140])
+    """
     # torch's power rounds by a number's place in memory; exponential and logarithm do not, and take half the time.
     if not plain(coded):
         coded = coded.clamp(0.0, 1.0)
@@ -202,7 +222,11 @@ def linear_from_srgb(coded: Tensor) -> Tensor:
 
 
 def srgb_from_linear(linear: Tensor) -> Tensor:
-    """sRGB-coded values of linear light, any shape; values outside [0, 1] are clamped."""
+    """sRGB-coded values of linear light, any shape; values outside [0, 1] are clamped.
+
+    >>> srgb_from_linear(torch.tensor([0.18]))
+    tensor([0.4614])
+    """
     linear = linear.clamp(0.0, 1.0)
     # Not torch's power, as above; the inner clamp keeps the unused branch's gradient finite at 0.
     power = torch.exp(torch.log(linear.clamp_min(1e-4)) / 2.4)

@@ -77,6 +77,11 @@ def measured(own: MeasuredGain, gains: Sequence[MeasuredGain], gain_db: float) -
 
     Between two rows the logarithms of K and read noise and the black level are linear in dB; beyond the last one K
     follows the dB, and the rest stays.
+
+    >>> at_0_db, at_12_db = MeasuredGain(0.0, 0.4, 2.4, 6.0), MeasuredGain(12.0, 1.6, 2.0, 8.0)
+    >>> found = measured(at_0_db, [at_12_db], 6.0)
+    >>> round(found.system_gain_dn_per_e, 3), round(found.read_noise_e, 2), found.black_level_dn
+    (0.8, 2.19, 7.0)
     """
     rows = [own, *(row for row in gains if row.gain_db > 0)]
     for low, high in pairwise(rows):
@@ -93,7 +98,12 @@ def measured(own: MeasuredGain, gains: Sequence[MeasuredGain], gain_db: float) -
 
 
 def by_law(own: MeasuredGain, row: ConversionGain, gain_db: float) -> MeasuredGain:
-    """A camera's figures at a gain, of its own at 0 dB and its row of conversion gains."""
+    """A camera's figures at a gain, of its own at 0 dB and its row of conversion gains.
+
+    >>> found = by_law(MeasuredGain(0.0, 0.4, 2.4, 6.0), ConversionGain(0.0, 1e4, 2.4, 0.5), 20.0)
+    >>> found.system_gain_dn_per_e, round(found.read_noise_e, 2)
+    (4.0, 1.71)
+    """
     share, over_row = row.read_noise_post_share, 10 ** ((gain_db - row.from_db) / 20)
     return MeasuredGain(
         gain_db,

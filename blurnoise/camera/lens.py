@@ -55,6 +55,10 @@ class Distortion:
 
     focal_px: (fx, fy) of the calibration, in px of the sensor, or () for the rectilinear lens of the camera's
     hfov_deg. centre_px: (cx, cy), or () for the centre of the sensor, ((width - 1) / 2, (height - 1) / 2).
+
+    >>> barrel = Distortion("opencv", (-0.2, 0.0, 0.0, 0.0))
+    >>> barrel.distorted(np.array([[0.5], [0.0]])).ravel()
+    array([0.475, 0.   ])
     """
 
     model: Literal["opencv", "fisheye"]
@@ -225,6 +229,10 @@ class Field:
 
     It has the figures of :class:`Lens` that change over the field, and no others: fields are keys of caches, which
     the f-number and the focus leave valid. Points of pictures (H, W) are arrays (2, ...) of x and y, px.
+
+    >>> field = Field(640, 480, hfov_deg=90.0, falloff_power=4.0)
+    >>> round(field.focal_px[0]), field.corner_px, round(least_light(field), 3)
+    (320, 400.0, 0.153)
     """
 
     width_px: int
@@ -313,7 +321,12 @@ class Field:
 
 @lru_cache(maxsize=256)
 def farthest_px(field: Field) -> float:
-    """The largest displacement by distortion on the sensor. Raises ``ValueError`` unless it is one to one there."""
+    """The largest displacement by distortion on the sensor. Raises ``ValueError`` unless it is one to one there.
+
+    >>> barrel = Distortion("opencv", (-0.2, 0.0, 0.0, 0.0))
+    >>> round(farthest_px(Field(640, 480, 60.0, distortion=barrel)), 1)
+    65.8
+    """
     (height, width), share = field.size, np.linspace(0.0, 1.0, _COARSE)
     points = np.stack(np.meshgrid(share * width - 0.5, share * height - 0.5))
     try:

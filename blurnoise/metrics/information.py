@@ -50,6 +50,10 @@ def shannon_capacity_radial(
     of amplitudes spread evenly over signal_pp (I. N. Lin et al. 2024, Sensors 24(16) 5135, eq. 7; N. Koren, Imatest).
     The disc's area is π/4: :func:`shannon_capacity_square` counts the corners, too. Power below 0 counts with its
     sign down to S/N = -0.9, so that noise averages out. Infinite without noise.
+
+    >>> f, perfect = torch.linspace(0, 0.5, 65), torch.ones(65)
+    >>> shannon_capacity_radial(f, power=perfect, signal_pp=math.sqrt(12), noise_variance=1.0)  # 1 bit x pi/4
+    tensor(0.7854, dtype=torch.float64)
     """
     bits = _bits(values.real("power", power, dims=1), signal_pp, noise_variance)
     axis = _axis("frequency", frequency, bits.shape[-1])
@@ -62,6 +66,10 @@ def shannon_capacity_square(
     """Shannon information capacity, bits/px: log2(1 + S/N) over the whole square |fx|, |fy| < 1/2.
 
     power: (..., Fy, Fx); a value per curve is shaped (..., 1, 1). The rest as in :func:`shannon_capacity_radial`.
+
+    >>> f, perfect = torch.linspace(0, 0.5, 65), torch.ones(65, 65)
+    >>> shannon_capacity_square(f, f, power=perfect, signal_pp=math.sqrt(12), noise_variance=1.0)
+    tensor(1., dtype=torch.float64)
     """
     bits = _bits(values.real("power", power, dims=2), signal_pp, noise_variance)
     return square_integral(frequency_x, frequency_y, bits)
@@ -72,6 +80,9 @@ def neq(power: Tensor, *, mean_signal: Number, noise_power_spectrum: Number) -> 
 
     mean_signal: DN above black. noise_power_spectrum: DN² px², the variance where noise is white. Negative where
     ``power`` is, infinite without noise. Source: ICRU report 54; Lin et al., eq. 8, as printed, gives 1/K.
+
+    >>> neq(torch.tensor([1.0, 0.25]), mean_signal=100.0, noise_power_spectrum=100.0)
+    tensor([100.,  25.], dtype=torch.float64)
     """
     power = values.real("power", power)
     signal = values.beside("mean_signal", mean_signal, power) ** 2 * power
@@ -84,6 +95,11 @@ def ideal_observer_snr(difference: Tensor, *, power: Number, noise_power_spectru
     difference: (..., H, W), what the target adds to the picture before the blur, DN, with a margin: it is periodic.
     power and noise_power_spectrum (DN² px²): numbers, or (..., H, W) at ``torch.fft.fftfreq``'s frequencies. Returns
     (...), a ratio: of a w x w square of height dQ in white noise dQ w / sigma. Source: ICRU report 54.
+
+    >>> square = torch.zeros(16, 16)
+    >>> square[4:8, 4:8] = 5.0
+    >>> ideal_observer_snr(square, power=1.0, noise_power_spectrum=4.0)  # 5 x 4 px / 2
+    tensor(10., dtype=torch.float64)
     """
     target = values.real("difference", difference, dims=2)
     density = torch.fft.fft2(target).abs() ** 2

@@ -37,6 +37,10 @@ def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) ->
     With n pixels, v degrees of freedom and independent normal noise the ratio r has the variance 1/n + r²/(2v);
     the 95 % interval is too narrow for noise that is correlated between pixels.
     Source: EMVA 1288 release 4, SNR.
+
+    >>> patch = 100 + torch.randn(40, 40, generator=torch.Generator().manual_seed(0))
+    >>> round(float(patch_snr(patch).value))
+    97
     """
     if limits_dn is None and isinstance(patch, Tensor) and patch.dtype == torch.uint8:
         limits_dn = (0, 255)
@@ -82,6 +86,10 @@ def patch_contrast(bright: Tensor, dark: Tensor) -> PatchContrast:
     variances' sampling errors carried through to first order. Flags: "noiseless", both variances are 0, so cnr is
     infinite or NaN without interval; of michelson "near_black", a mean is less than three of its own standard errors
     above black.
+
+    >>> dark = 100 + torch.randn(40, 40, generator=torch.Generator().manual_seed(0))
+    >>> round(float(patch_contrast(3 * dark, dark).michelson.value), 3)
+    0.5
     """
     a, b = _pixels(bright=bright, dark=dark)
     n_a, n_b = a.shape[-1], b.shape[-1]
@@ -116,6 +124,10 @@ def detection_probability(
     Flags: "noiseless", both patches are constant (often: saturated); "too_few_pixels", below 30 in a patch.
     Source: M. Geese, U. Seger, A. Paolillo 2018, "Detection Probabilities: Performance Prediction for Sensors of
     Autonomous Vehicles".
+
+    >>> dark, bright = torch.full((8, 8), 10.0), torch.linspace(10, 30, 64).reshape(8, 8)
+    >>> round(float(detection_probability(bright, dark, nominal=1.0, tolerance=0.5).value), 2)
+    0.5
     """
     middle = checks.in_range("nominal", nominal, -1.0, LIMITS["contrast"].high)
     tolerance = limited("tolerance", tolerance, "contrast")
@@ -146,6 +158,10 @@ def psnr(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
 
     picture, reference: (B, C, H, W), of one shape. data_range: white minus black, in their units. Differentiable,
     like :func:`ssim`; NaN for a picture with NaN. Both raise ``ValueError`` if the values span more than the range.
+
+    >>> grey = torch.full((1, 1, 16, 16), 0.5)
+    >>> psnr(grey, grey + 0.1, data_range=1.0)
+    tensor([20.0000], dtype=torch.float64)
     """
     a, b, peak = _checked(picture, reference, data_range)
     return torch.stack([kornia.metrics.psnr(one, other, peak) for one, other in zip(a, b, strict=True)])
@@ -155,6 +171,10 @@ def ssim(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
     """Structural similarity ``kornia.metrics.ssim``, (B,), 1 for equal pictures, mean over pixels and channels.
 
     K1 = 0.01, K2 = 0.03. The whole window must lie inside the picture, so its sides must be at least 11 px.
+
+    >>> grey = torch.full((1, 1, 16, 16), 0.5)
+    >>> ssim(grey, grey, data_range=1.0)
+    tensor([1.], dtype=torch.float64)
     """
     a, b, peak = _checked(picture, reference, data_range)
     if min(a.shape[-2:]) < SSIM_WINDOW_PX:

@@ -26,7 +26,11 @@ _FULL_SCALE = {torch.uint8: 255.0, torch.uint16: 65535.0, torch.float32: 1.0, to
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with its 95 % interval, ``low`` to ``high``, NaN if missing; flags say why it is NaN or doubtful."""
+    """A number with its 95 % interval, ``low`` to ``high``, NaN if missing; flags say why it is NaN or doubtful.
+
+    >>> Estimate(2.0, 1.0, 3.0) * 10.0
+    Estimate(value=20.0, low=10.0, high=30.0, flags=frozenset())
+    """
 
     value: float
     low: float = math.nan
@@ -82,7 +86,11 @@ def beside(name: str, value: float | Tensor, like: Tensor, *, low: float = -math
 
 
 def cut(image: Tensor, roi: Roi) -> Tensor:
-    """The region of ``image`` (..., H, W). Raises ``TypeError`` unless four integers, ``ValueError`` outside it."""
+    """The region of ``image`` (..., H, W). Raises ``TypeError`` unless four integers, ``ValueError`` outside it.
+
+    >>> cut(torch.zeros(5, 7), (1, 2, 3, 2)).shape
+    torch.Size([2, 3])
+    """
     sides = roi if isinstance(roi, (tuple, list)) else ()
     if len(sides) != 4 or not all(type(side) is int for side in sides):
         raise TypeError(f"roi = {checks.shown(roi)}: must be four integers (x, y, width, height)")

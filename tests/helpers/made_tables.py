@@ -52,7 +52,7 @@ def curve(values, x, counts=1.0, *, logarithmic=True, **fields):
     """A curve of values (C, N), each of so many targets; fields: of its table."""
     each = np.broadcast_to(np.asarray(counts, float), values.shape)
     line = table((values * each)[:, :, None], x, counts=each[:, :, None], **fields)
-    return curves.Curve(line, tuple(x), logarithmic)
+    return curves.ScoreCurve(line, tuple(x), logarithmic)
 
 
 def table(

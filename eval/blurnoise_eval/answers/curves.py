@@ -50,7 +50,7 @@ def windows(x: ArrayLike, y: ArrayLike, threshold: float, logarithmic: bool = Tr
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class ScoreCurve:
     """A mean over clusters along an axis.
 
     line: a table whose N conditions are those of the tested values x, increasing. given: the interval in place of
@@ -63,7 +63,7 @@ class Curve:
     given: uncertainty.Ends | None = None
 
     @classmethod
-    def over(cls, name: str, line: ScoreTable) -> Curve:
+    def over(cls, name: str, line: ScoreTable) -> ScoreCurve:
         """Of a line of a table over an axis."""
         return cls(line, tuple(line.conditions[name].tolist()), axis(name).logarithmic)
 
@@ -184,7 +184,7 @@ def endurances(
                 continue
             merged = at_once.merged(place)  # directions of one speed: one point
             x = tuple((speeds * exposure_s).tolist())  # straight in px, since pictures at rest have none
-            yield _endurance(Curve(merged, x), BLUR, ("exposure_s", *SETTING), criterion)
+            yield _endurance(ScoreCurve(merged, x), BLUR, ("exposure_s", *SETTING), criterion)
 
 
 def endurances_across(table: ScoreTable, criterion: Criterion) -> Iterator[CurveRow]:
@@ -199,10 +199,10 @@ def _along(table: ScoreTable, name: str, criterion: Criterion) -> Iterator[Curve
     for line in table.along(name):
         if len(line) > 1:
             fixed = [each for each in NAMES if each != name]
-            yield _endurance(Curve.over(name, line), name, fixed, criterion)
+            yield _endurance(ScoreCurve.over(name, line), name, fixed, criterion)
 
 
-def _endurance(curve: Curve, over: str, fixed: Collection[str], criterion: Criterion) -> CurveRow:
+def _endurance(curve: ScoreCurve, over: str, fixed: Collection[str], criterion: Criterion) -> CurveRow:
     """How one curve holds: the score against one axis, or blur, all ``fixed`` axes staying as they are.
 
     fails_at: x[0] where the curve is below the criterion throughout. Ends of intervals are None where they are not

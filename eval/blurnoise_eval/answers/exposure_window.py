@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.curves import Curve
-from blurnoise_eval.answers.limits import DARK, Limits, Line, of_best, of_window
+from blurnoise_eval.answers.curves import ScoreCurve
+from blurnoise_eval.answers.limits import DARK, ExposureLine, WindowLimits, of_best, of_window
 from blurnoise_eval.answers.monotone import is_uniform, nested, pooled
 from blurnoise_eval.answers.recommendation import best_exposure, without_saturated
 from blurnoise_eval.answers.rows import AnswerRow, chosen_window
@@ -34,14 +34,16 @@ _MOST_PICTURES = 9999  # that are asked for
 def answers(
     table: ScoreTable, criterion: Criterion, dark_below: float = DARK, *, monotone: bool = True
 ) -> list[AnswerRow]:
-    """An :func:`answer` for every setting and velocity of the table; dark_below: as :class:`~.limits.Line` has it.
-    monotone: whether no answer may be better at a higher speed, where pictures move as a whole; see
-    :mod:`.monotone`."""
+    """An :func:`answer` for every setting and velocity of the table.
+
+    dark_below: see :class:`~.limits.ExposureLine`. monotone: whether no answer may be better at a higher speed, where
+    pictures move as a whole, see :mod:`.monotone`.
+    """
     found = []
     for setting in table.take(table.measured).split(SETTING):
         uniform = monotone and is_uniform(setting)
         lines = list((pooled(setting) if uniform else setting).along("exposure_s"))
-        curves = [Curve.over("exposure_s", line) for line in lines]
+        curves = [ScoreCurve.over("exposure_s", line) for line in lines]
         if uniform:
             curves = nested(curves, [line.velocities_px_s[0] for line in lines])
         speeds = [float(line.speeds_px_s[0]) for line in lines]
@@ -49,7 +51,7 @@ def answers(
         at_slowest = slowest.conditions["exposure_s"], slowest.mean
         for speed, curve in zip(speeds, curves, strict=True):
             slower = _between(curve.x, *at_slowest) if speed > min(speeds) else None
-            found.append(answer(curve, Line(curve.line, slower, dark_below), criterion))
+            found.append(answer(curve, ExposureLine(curve.line, slower, dark_below), criterion))
     return found
 
 
@@ -61,7 +63,7 @@ def _between(exposures_s: Sequence[float], tested_s: Array, mean: Array) -> Arra
     return np.asarray(np.interp(np.log(exposures_s), np.log(tested_s), mean, left=np.nan, right=np.nan))
 
 
-def answer(curve: Curve, line: Line, criterion: Criterion) -> AnswerRow:
+def answer(curve: ScoreCurve, line: ExposureLine, criterion: Criterion) -> AnswerRow:
     """The answer for one model and group of targets in one setting and at one velocity.
 
     verdict: "works": at some tested exposure the low end of the interval is at or above the level; "no exposure
@@ -69,8 +71,8 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> AnswerRow:
     ``pictures_needed`` is how many should be enough in half of such cases (None: more than 9999).
 
     recommended_s: a tested exposure; unless the verdict is "works" it is only the best guess. best_s: of equals the
-    shortest. Limits: what ends the window of the recommended exposure, or else the first; where there is no window,
-    what holds ``best_s`` back: see :mod:`.limits`.
+    shortest. The limits, see :mod:`.limits`, are those of the window with the recommended exposure, or else the
+    first; where there is no window, what holds ``best_s`` back.
     """
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)
@@ -90,7 +92,7 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> AnswerRow:
         recommended_s = None if chosen is None else curve.x[chosen]
         limits = of_window(line, windows[chosen_window(windows, recommended_s)], level)
     elif not criterion.kept and table.clean is not None and table.clean < level:
-        limits = Limits(by="the model, as the original pictures show")
+        limits = WindowLimits(by="the model, as the original pictures show")
     else:
         limits = of_best(line, best)
     return AnswerRow(
@@ -161,7 +163,7 @@ def _pictures_needed(line: ScoreTable, level: float) -> int | None:
     return None if count > _MOST_PICTURES else max(fewest, count)
 
 
-def _regret(curve: Curve, chosen: int) -> float | None:
+def _regret(curve: ScoreCurve, chosen: int) -> float | None:
     others = np.arange(len(curve.x)) != chosen
     if not others.any():
         return 0.0 if curve.known.all() else None

@@ -25,7 +25,7 @@ DARK = 0.33
 """Mean brightness of a picture, coded by sRGB, of 9 %: half of what auto-exposure aims at."""
 
 
-class Limits(NamedTuple):
+class WindowLimits(NamedTuple):
     """At either end of a window, or at the best exposure ("blur and noise"); None where the tests do not tell."""
 
     low: Limit | None = None
@@ -34,7 +34,7 @@ class Limits(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class ExposureLine:
     """Tested exposures of one light and velocity.
 
     of: a table of one exposure after the other. slower: mean score at the slowest speed tested under this light (E,),
@@ -71,13 +71,13 @@ class Line:
         return bool(more > SATURATES) if np.isfinite(more) else None
 
 
-def of_window(line: Line, window: tuple[float, float], level: float) -> Limits:
+def of_window(line: ExposureLine, window: tuple[float, float], level: float) -> WindowLimits:
     """What ends a window, from one exposure to another, in which the value is at or above the level.
 
-    At the last exposure that fails before its lower end: darkness or noise, see :meth:`Line.lacks`. At the first
-    that fails beyond its upper end: blur, if the slowest speed works with the same light and time, else saturation
-    if more of the picture is saturated than somewhere in the window. With no slower speed tested it is saturation at
-    rest; of a line that moves it is blur where nothing saturates, else unknown.
+    At the last exposure that fails before its lower end: darkness or noise, see :meth:`ExposureLine.lacks`. At the
+    first that fails beyond its upper end: blur, if the slowest speed works with the same light and time, else
+    saturation if more of the picture is saturated than somewhere in the window. With no slower speed tested it is
+    saturation at rest; of a line that moves it is blur where nothing saturates, else unknown.
     """
     x, value = line.x, line.of.mean
     inside = (window[0] <= x) & (x <= window[1])
@@ -96,10 +96,10 @@ def of_window(line: Line, window: tuple[float, float], level: float) -> Limits:
             high = "saturation" if saturates else None
         else:
             high = "blur" if saturates is False else None
-    return Limits(low, high)
+    return WindowLimits(low, high)
 
 
-def of_best(line: Line, best: int) -> Limits:
+def of_best(line: ExposureLine, best: int) -> WindowLimits:
     """What holds the best of the tested exposures back, where none works.
 
     By the slowest speed under this light: noise or darkness, if it does better at a longer time or still rises at the
@@ -127,4 +127,4 @@ def of_best(line: Line, best: int) -> Limits:
             saturates = line.saturates(best + 1, [best])
             parts.append("saturation" if saturates else "blur" if line.moves and saturates is False else None)
     named = list(dict.fromkeys(part for part in parts if part is not None))
-    return Limits(by=" and ".join(named) or None)
+    return WindowLimits(by=" and ".join(named) or None)

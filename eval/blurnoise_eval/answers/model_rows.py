@@ -11,7 +11,7 @@ import numpy as np
 from blurnoise_eval.answers.per_condition import Scored
 from blurnoise_eval.answers.rows import CurveRow, ModelRow
 from blurnoise_eval.scoring.scores import of_models
-from blurnoise_eval.scoring.uncertainty import Estimate, behind_best, mean_of, ratio, with_interval
+from blurnoise_eval.scoring.uncertainty import ClusterEstimate, behind_best, mean_of, ratio, with_interval
 from blurnoise_eval.store.columns import UNKNOWN, WithInterval
 from blurnoise_eval.system.tables import finite
 
@@ -51,7 +51,7 @@ def model_rows(
     return rows
 
 
-def _deficits(mpc: Mapping[str, Estimate]) -> dict[str, WithInterval]:
+def _deficits(mpc: Mapping[str, ClusterEstimate]) -> dict[str, WithInterval]:
     """By model how much less mPC it has than the best; unknown of the best itself."""
     values = {name: estimate.value for name, estimate in mpc.items() if estimate.value is not None}
     best = max(values, key=lambda name: values[name], default=None)
@@ -72,7 +72,7 @@ def _summary(
     model: Mapping[str, Any],
     original: Mapping[str, WithInterval],
     known: Sequence[Scored],
-    mpc: Estimate,
+    mpc: ClusterEstimate,
     deficit: WithInterval,
     curves: Sequence[CurveRow],
     labelled: bool,
@@ -83,7 +83,7 @@ def _summary(
     rPC have intervals over clusters of pictures, each left out of the whole measure.
     """
     untouched = (condition.performance for condition in known if condition.row.conditions.original)
-    p = next(untouched, Estimate(None))
+    p = next(untouched, ClusterEstimate(None))
     against_itself = model["kind"] == "detector" and not labelled
     latency = model.get("latency", {})
     return ModelRow(

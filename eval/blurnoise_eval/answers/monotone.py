@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.answers.curves import Curve
+from blurnoise_eval.answers.curves import ScoreCurve
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.scoring.uncertainty import Ends
 
@@ -52,7 +52,7 @@ def pooled(setting: ScoreTable) -> ScoreTable:
     return replace(setting, sums=sums, counts=counts)
 
 
-def nested(curves: Sequence[Curve], velocities: Sequence[Velocity]) -> list[Curve]:
+def nested(curves: Sequence[ScoreCurve], velocities: Sequence[Velocity]) -> list[ScoreCurve]:
     """The curves of a pooled table, one for each velocity, with intervals that never rise with speed: what surely
     works at one speed does at all slower ones of its direction, and what surely fails does at all faster ones.
 
@@ -75,7 +75,7 @@ def nested(curves: Sequence[Curve], velocities: Sequence[Velocity]) -> list[Curv
     return found
 
 
-def _shared(other: Curve, end: Array, curve: Curve) -> Array:
+def _shared(other: ScoreCurve, end: Array, curve: ScoreCurve) -> Array:
     """The end of another curve's interval where this one's is known; NaN where the other's is not."""
     if other.x == curve.x:
         return end

@@ -15,7 +15,7 @@ from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.evaluated import NO_ANSWERS, NO_TRUTH, Evaluated, Truth
 from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.scores import of_conditions
-from blurnoise_eval.scoring.uncertainty import MOST_CLUSTERS, Array, Estimate, with_interval
+from blurnoise_eval.scoring.uncertainty import MOST_CLUSTERS, Array, ClusterEstimate, with_interval
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.queries import TargetColumns, target_columns
@@ -33,8 +33,8 @@ class Scored(NamedTuple):
     the size of targets, if asked for, and how many of these there are."""
 
     row: ScoreRow
-    performance: Estimate
-    sizes: Mapping[str, Estimate]
+    performance: ClusterEstimate
+    sizes: Mapping[str, ClusterEstimate]
     n_targets: Mapping[str, int]
 
     def document(self) -> dict[str, Any]:
@@ -55,17 +55,17 @@ class Scored(NamedTuple):
         return cls(row, _estimate_of(document["performance"]), sizes, document["n_targets"])
 
 
-def _estimate_document(of: Estimate) -> list[Any]:
+def _estimate_document(of: ClusterEstimate) -> list[Any]:
     influence = None
     if of.influence is not None:
         influence = [None if math.isnan(away) else away for away in of.influence.tolist()]
     return [of.value, influence, None if of.cautious is None else _estimate_document(of.cautious)]
 
 
-def _estimate_of(document: Sequence[Any]) -> Estimate:
+def _estimate_of(document: Sequence[Any]) -> ClusterEstimate:
     value, influence, cautious = document
     away = None if influence is None else np.array(influence, float)
-    return Estimate(value, away, None if cautious is None else _estimate_of(cautious))
+    return ClusterEstimate(value, away, None if cautious is None else _estimate_of(cautious))
 
 
 class Condition(NamedTuple):

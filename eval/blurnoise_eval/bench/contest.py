@@ -66,7 +66,7 @@ class Contest:
 
 
 @dataclass(frozen=True)
-class Row:
+class ContestRow:
     """A contender in a case: the quartiles of its time, the median relative to that of the first one, its error."""
 
     case: str
@@ -84,7 +84,7 @@ class Result:
     """What was measured, and on which machine."""
 
     contest: Contest
-    rows: list[Row]
+    rows: list[ContestRow]
     machine: dict[str, Any]
 
     def write(self, folder: Path) -> None:
@@ -148,14 +148,14 @@ def run(
 ) -> Result:
     """Let all contenders do all cases; ``progress`` receives each finished share of a case."""
     machine = {**hardware(), "threads": threads, "versions": versions()}
-    rows = list[Row]()
+    rows = list[ContestRow]()
     with limited_threads(threads):
         for make in contest.cases:
             rows += _rows(make(), contest.seconds / (10 if quick else 1), progress)
     return Result(contest, rows, machine)
 
 
-def _rows(case: Case, seconds: float, progress: Progress) -> list[Row]:
+def _rows(case: Case, seconds: float, progress: Progress) -> list[ContestRow]:
     results = {each.name: each.call() for each in case.contenders}
     times_ms = in_turns_ms({each.name: each.call for each in case.contenders}, seconds, progress)
     first_ms = float(np.median(times_ms[case.contenders[0].name]))
@@ -164,7 +164,7 @@ def _rows(case: Case, seconds: float, progress: Progress) -> list[Row]:
         low, median, high = np.quantile(times_ms[each.name], (0.25, 0.5, 0.75)).tolist()
         error = None if case.error is None else case.error(results[each.name])
         low, time_ms, high = (quartile / case.units for quartile in (low, median, high))
-        rows.append(Row(case.name, each.name, each.ours, low, time_ms, high, median / first_ms, error))
+        rows.append(ContestRow(case.name, each.name, each.ours, low, time_ms, high, median / first_ms, error))
     return rows
 
 

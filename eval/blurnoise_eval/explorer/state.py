@@ -153,7 +153,7 @@ def text_of(axis: Axis, value: float) -> str:
 def value_of(axis: Axis, text: str) -> float:
     """The value that an option's text gives. Raises ``ValueError``."""
     if axis.choices:
-        return axis.place_of(text)
+        return axis.choice_index(text)
     return axis.of_option(number(text, automatic=axis.automatic)) + 0.0
 
 

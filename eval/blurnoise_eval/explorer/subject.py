@@ -34,7 +34,7 @@ from blurnoise_eval.run.exposing import Frame, PictureScene, frames, snr_db
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
-from blurnoise_eval.scoring.on_picture import ModelOutput, View
+from blurnoise_eval.scoring.on_picture import ModelOnPicture, ModelOutput
 
 PREVIEW_PX = 120_000
 """A picture of more pixels is shown smaller while a slider moves."""
@@ -61,7 +61,7 @@ class Subject:
         self.size = self.original.shape[0], self.original.shape[1]
         self.smaller = math.ceil(math.sqrt(self.size[0] * self.size[1] / PREVIEW_PX))
         """How many times smaller a preview is; 1 of a picture that needs none."""
-        self._view = cache(lambda model: View(model, picture, self.original))
+        self._view = cache(lambda model: ModelOnPicture(model, picture, self.original))
 
     def frame(self, state: State, camera: Camera) -> Frame:
         """The picture of a state: the cell that a sweep would compute for it. Raises ``ValueError``."""

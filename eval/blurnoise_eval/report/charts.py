@@ -39,7 +39,7 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class View:
+class ChartView:
     """One way to draw the curves, on the page and as a figure.
 
     word: its name on the page, title: of its axis, file: of its figure. along: the axis of the run whose values
@@ -59,25 +59,25 @@ class View:
     bands: bool = False
 
 
-def views(data: RunData) -> list[View]:
+def views(data: RunData) -> list[ChartView]:
     """The views of a run: over exposure and blur, and over each axis that has several values besides."""
     further = tuple(range(2, len(data.axes)))
     exposures, speeds = data.axes[:2]
     found = [
-        View(
+        ChartView(
             "exposure", axis_label(exposures.axis), "confidence_exposure.png", EXPOSURES, VELOCITIES, further,
             "Along a line the exposure grows, and with it light and blur. The bars below 0 show the exposure window "
             "at each speed (pale: cannot tell), with the 95 % intervals of its ends as thin lines and the "
             "recommended exposure as a tick.",
             "log" if exposures.logarithmic else "linear", bands=True,
         ),
-        View(
+        ChartView(
             "blur", axis_label(BLUR), "confidence_blur.png", VELOCITIES, EXPOSURES, further,
             "Along a line only the speed changes. Each line has another exposure, and so another amount of light. "
             "The axis is linear below 1 px and logarithmic above.", "symlog",
         ),
     ]  # fmt: skip
-    speed = View(
+    speed = ChartView(
         "speed", axis_label(speeds.axis), "confidence_speed.png", VELOCITIES, EXPOSURES, further,
         "Along a line only the speed changes, and with it the blur.",
     )  # fmt: skip
@@ -91,7 +91,7 @@ def views(data: RunData) -> list[View]:
             others = tuple(each for each in further if each != place)
             of = name, axis_label(tested.axis), f"confidence_{tested.axis.name}.png", place, EXPOSURES, others
             scale = "log" if tested.logarithmic else "linear"
-            found.append(View(*of, f"Along a line only the {name} changes.", scale))
+            found.append(ChartView(*of, f"Along a line only the {name} changes.", scale))
     return found
 
 
@@ -201,7 +201,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
     return found | {"views": [_view(data, view, found) for view in views(data)]}
 
 
-def _view(data: RunData, view: View, found: Row) -> Row:
+def _view(data: RunData, view: ChartView, found: Row) -> Row:
     """What a drawing needs of a view. joined: whether points follow one another on a line; not where several
     velocities share a speed. ticks: places and texts, None for those of a library. range: as drawn, logarithms of a
     logarithmic axis."""

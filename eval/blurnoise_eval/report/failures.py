@@ -23,7 +23,7 @@ from blurnoise_eval.datasets import Picture, eight_bit
 from blurnoise_eval.plan.axes import EXPOSURE, velocity_text
 from blurnoise_eval.report.page import FAILURES, PICTURE_PX, TEMPLATES, jpeg, write_page
 from blurnoise_eval.report.run import RunData
-from blurnoise_eval.report.settings import Settings, word
+from blurnoise_eval.report.settings import TestedSettings, word
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.rows import TargetAnswer, TargetRow
@@ -42,7 +42,7 @@ Row = dict[str, Any]
 Places = tuple[int, ...]
 
 
-class Pictures(Protocol):
+class PicturesOfRun(Protocol):
     """The pictures of a run, opened and simulated again. Both raise ``ValueError`` or ``OSError``."""
 
     def picture(self, name: str) -> Picture:
@@ -52,7 +52,7 @@ class Pictures(Protocol):
         """The picture of a cell, (H, W, 3), uint8, RGB."""
 
 
-class _Conditions(NamedTuple):
+class _TestedConditions(NamedTuple):
     """axes: word and texts, exposure first; keys: every condition with its repeat; places: of each on the axes, None
     of the original pictures."""
 
@@ -71,7 +71,7 @@ class _Model(NamedTuple):
     n_left_out: int
 
 
-class _View(NamedTuple):
+class _OpeningView(NamedTuple):
     """What the page opens with: a model, the places of A and B, targets found at A alone, the greatest loss
     first."""
 
@@ -81,7 +81,7 @@ class _View(NamedTuple):
     lost: list[int]
 
 
-def write_failures(store: Store, data: RunData, folder: Path, run: Pictures) -> Path:
+def write_failures(store: Store, data: RunData, folder: Path, run: PicturesOfRun) -> Path:
     """Write ``folder``/failures.html, which works offline; returns its path. Raises ``OSError``.
 
     What the limits above leave out, and pictures that cannot be opened, are named on the page.
@@ -134,7 +134,7 @@ def _pictures_of(page: Path) -> int:
     return int(said[1]) if said else 0
 
 
-def _conditions(store: Store, models: Sequence[str]) -> _Conditions:
+def _conditions(store: Store, models: Sequence[str]) -> _TestedConditions:
     found = {
         (columns.conditions[condition], repeat)
         for columns in (queries.target_columns(store, model) for model in models)
@@ -143,7 +143,7 @@ def _conditions(store: Store, models: Sequence[str]) -> _Conditions:
     exposed = [(at, repeat) for at, repeat in found if not at.original]
     axes: list[tuple[str, Any, Any]] = [("exposure", lambda key: key[0].exposure_s, EXPOSURE.text)]
     axes += [("speed", lambda key: key[0].velocity_px_s, velocity_text)]
-    for axis in Settings(at for at, _ in exposed).axes:
+    for axis in TestedSettings(at for at, _ in exposed).axes:
         axes.append((word(axis), lambda key, name=axis.name: key[0][name], axis.text))
     axes += [("repeat", itemgetter(1), str)]
     kept, values = [], []
@@ -156,10 +156,10 @@ def _conditions(store: Store, models: Sequence[str]) -> _Conditions:
         (None if key[0].original else tuple(places[of(key)] for of, places in values), key) for key in found
     ]
     placed.sort(key=lambda each: (each[0] is not None, each[0] or (), each[1][-1]))
-    return _Conditions(kept, [key for _, key in placed], [places for places, _ in placed])
+    return _TestedConditions(kept, [key for _, key in placed], [places for places, _ in placed])
 
 
-def _model(store: Store, name: str, tested: _Conditions, found_from: float) -> _Model:
+def _model(store: Store, name: str, tested: _TestedConditions, found_from: float) -> _Model:
     targets = list(queries.targets_when_clean(store, name))
     columns = queries.target_columns(store, name)
     row_of = {(row.image, row.target.target_id): place for place, row in enumerate(targets)}
@@ -197,7 +197,7 @@ def _packed(model: _Model, place: Mapping[str, int]) -> Row:
     return {"groups": groups, "labels": labels, "targets": targets, "codes": codes}
 
 
-def _views(number: int, codes: Codes, tested: _Conditions) -> Iterator[_View]:
+def _views(number: int, codes: Codes, tested: _TestedConditions) -> Iterator[_OpeningView]:
     """For each light and speed the exposure at which most targets are found, against the longest other one."""
     at: dict[Places, list[int]] = {}
     for place, places in enumerate(tested.places):
@@ -209,10 +209,10 @@ def _views(number: int, codes: Codes, tested: _Conditions) -> Iterator[_View]:
         b = next((place for place in reversed(same) if place != a), None)
         if b is not None:
             order = np.argsort(codes[b].astype(int) - codes[a], kind="stable")
-            yield _View(number, a, b, order[(found[a] & known[a] & ~found[b])[order]].tolist())
+            yield _OpeningView(number, a, b, order[(found[a] & known[a] & ~found[b])[order]].tolist())
 
 
-def _pictures(run: Pictures, names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+def _pictures(run: PicturesOfRun, names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     """The original pictures as small JPEGs, as far as the limits go; and what is wrong with the others."""
     found, wrong, n_bytes, n_px = dict[str, str](), list[str](), 0, 0
     for name in names:
@@ -236,7 +236,7 @@ def _resized(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
 
 
 def _crops(
-    store: Store, run: Pictures, model: _Model, tested: _Conditions, view: _View
+    store: Store, run: PicturesOfRun, model: _Model, tested: _TestedConditions, view: _OpeningView
 ) -> Iterator[tuple[str, list[Any]]]:
     """By target and condition: the simulated picture around the target, and its box there in % of that."""
 

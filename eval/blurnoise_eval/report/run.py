@@ -22,7 +22,7 @@ from blurnoise_eval.plan.axes import (
 )
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.met_conditions import met_conditions
-from blurnoise_eval.report.settings import Settings, Tested
+from blurnoise_eval.report.settings import Tested, TestedSettings
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.rows import Example, ScoreRow, SkippedRow
@@ -87,9 +87,9 @@ class RunData:
         return self.criterion.level if by_level else FOUND_SCORE
 
     @cached_property
-    def settings(self) -> Settings:
+    def settings(self) -> TestedSettings:
         """The settings that were tested."""
-        return Settings(self.tested)
+        return TestedSettings(self.tested)
 
     @cached_property
     def speed(self) -> Coordinate:

@@ -23,7 +23,7 @@ from blurnoise_eval.plan.axes import (
 from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.rows import CellRow
 
-Setting = tuple[float, ...]  # a value per axis of Settings.axes
+Setting = tuple[float, ...]  # a value per axis of TestedSettings.axes
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Tested:
         return self.axis.logarithmic and not self.named and min(self.x, default=0.0) > 0
 
 
-class Settings:
+class TestedSettings:
     """The settings of conditions, in order.
 
     axes: the light, and every other axis but exposure and velocity that has several values; further: these without

@@ -25,7 +25,7 @@ from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View
+from blurnoise_eval.scoring.on_picture import Model, ModelOnPicture, ModelOutput
 from blurnoise_eval.store.columns import ORIGINAL, AxisValues
 from blurnoise_eval.store.rows import CellRow, OfLamp, TargetRow
 from blurnoise_eval.store.store import CellResult, PictureFacts
@@ -116,7 +116,7 @@ class PreparedPicture(NamedTuple):
     """A picture as light, every model's answer to it as it is, and what of it the store notes."""
 
     scene: PictureScene
-    views: list[View]
+    views: list[ModelOnPicture]
     facts: PictureFacts
 
     @classmethod
@@ -132,7 +132,7 @@ class PreparedPicture(NamedTuple):
             scene = PictureScene(image, work.plan, picture)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
-        views: list[View] = [View(model, picture, scene.image8) for model in work.models]
+        views: list[ModelOnPicture] = [ModelOnPicture(model, picture, scene.image8) for model in work.models]
         return cls(scene, views, PictureFacts(picture.identity, content(image), width, height, look(image)))
 
 
@@ -216,7 +216,7 @@ def cell_result(
     with a pulsed lamp."""
     cell, at, taken = frame.cell, frame.cell.conditions, frame.exposure
     conditions = ORIGINAL if at is None else AxisValues.of(at.on(camera))
-    moved_px = blur_px({**at.stated, "exposure_s": taken.exposure_s}) if at and taken else None
+    moved_px = blur_px({**at.specified, "exposure_s": taken.exposure_s}) if at and taken else None
     key = cell.cell_id, model, camera.name, cell.image, cell.repeat, conditions
     blurs_px = [moved_px] * len(sight.targets)
     if taken is not None and taken.drives and sight.targets:

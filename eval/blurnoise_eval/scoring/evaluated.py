@@ -18,7 +18,7 @@ from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.boxes import MoveBoxes, swept_within, xywh, xyxy
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU, Targets, matched
 from blurnoise_eval.scoring.precision import AREAS_PX2, SIZES, Precision, precision
-from blurnoise_eval.scoring.uncertainty import Array, Estimate, left_out, mean
+from blurnoise_eval.scoring.uncertainty import Array, ClusterEstimate, left_out, mean
 
 _IOU_50 = slice(1)
 _BINS = 10  # of confidence, for the calibration error
@@ -86,23 +86,23 @@ class Alarms(NamedTuple):
     pictures: Array
 
     @property
-    def false_per_image(self) -> Estimate:
+    def false_per_image(self) -> ClusterEstimate:
         """Wrong ones per picture; undefined without pictures."""
         wrong = np.bincount(self.cluster[~self.right], minlength=len(self.pictures))
         return mean(wrong, self.pictures)
 
     @property
-    def calibration_error(self) -> Estimate:
+    def calibration_error(self) -> ClusterEstimate:
         """Expected calibration error: |mean score - share of right ones|, over ten bins, weighted by number.
 
         Of detections, hence without the misses (Küppers et al. 2020, confidence alone). Undefined without any. It is
         biased upwards, the more the better a model is calibrated, so no interval of ours would hold: it has none.
         """
         if not len(self.scores):
-            return Estimate(None)
+            return ClusterEstimate(None)
         place = np.minimum((self.scores * _BINS).astype(int), _BINS - 1)
         gaps = np.bincount(place, self.scores - self.right, _BINS)  # n_b · (mean score - precision)
-        return Estimate(float(np.abs(gaps).sum() / len(self.scores)))
+        return ClusterEstimate(float(np.abs(gaps).sum() / len(self.scores)))
 
     def confidence_at(self, rate: float) -> float:
         """The confidence above which there are at most ``rate`` wrong ones per picture; 0 where all are no more.
@@ -131,25 +131,25 @@ class Evaluated:
     sweep_boxes: MoveBoxes | None = None
     cluster_of: Mapping[str, int] | None = None
 
-    def mean(self, score: str) -> Estimate:
+    def mean(self, score: str) -> ClusterEstimate:
         """Of targets or readings; undefined where there is none of them."""
-        return mean(*self.sums[score]) if score in self.sums else Estimate(None)
+        return mean(*self.sums[score]) if score in self.sums else ClusterEstimate(None)
 
-    def average(self, size: str = "all", ious: slice = slice(None)) -> Estimate:
+    def average(self, size: str = "all", ious: slice = slice(None)) -> ClusterEstimate:
         """COCO's average precision of targets of a size; undefined without targets."""
         if self._at_middle is None:
-            return Estimate(None)
+            return ClusterEstimate(None)
         values, cautious = self._at_middle.precision, self._at_middle.cautious
         return left_out(*(each[:, SIZES.index(size), ious].mean(axis=1) for each in (values, cautious)))
 
     @property
-    def recall(self) -> Estimate:
+    def recall(self) -> ClusterEstimate:
         """COCO's average recall with 100 detections a picture."""
         found = self._at_middle
-        return Estimate(None) if found is None else left_out(found.recall.mean(axis=1))
+        return ClusterEstimate(None) if found is None else left_out(found.recall.mean(axis=1))
 
     @property
-    def swept_ap50(self) -> Estimate:
+    def swept_ap50(self) -> ClusterEstimate:
         """COCO's AP50 with the boxes that the motion sweeps; where these are the boxes at mid-exposure, that."""
         if self.sweep_boxes is None or self._at_middle is None:
             return self.average(ious=_IOU_50)

@@ -61,7 +61,7 @@ class ModelOutput(NamedTuple):
     non_finite_values: int
 
 
-class View:
+class ModelOnPicture:
     """One model before one picture in all its conditions. ``clean``: its answer to the original picture.
 
     A detector's ``confidence`` in a target: the highest score of its class that overlaps the target's box at

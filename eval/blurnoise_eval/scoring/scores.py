@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.scoring.uncertainty import Estimate
+from blurnoise_eval.scoring.uncertainty import ClusterEstimate
 
 if TYPE_CHECKING:  # heavy, and names of scores are completed in a shell
     from blurnoise_eval.scoring.evaluated import Evaluated
@@ -47,11 +47,11 @@ class Score:
     name: str
     title: str
     kinds: frozenset[str] = BOTH
-    of: Callable[[Evaluated], Estimate | float | None] | None = None
+    of: Callable[[Evaluated], ClusterEstimate | float | None] | None = None
     better: Literal["higher", "lower"] | None = "higher"
     scale: Literal["share", "count"] = "share"
     of_targets: Callable[[TargetColumns], NDArray[np.float64]] | None = None
-    by_size: Callable[[Evaluated, str], Estimate] | None = None
+    by_size: Callable[[Evaluated, str], ClusterEstimate] | None = None
     charted: bool = False
     of_models: frozenset[str] = NEITHER
     meaning: str = ""
@@ -74,12 +74,12 @@ class Score:
         """Whether it scores the answers under a condition, rather than a model as a whole."""
         return bool(self.of or self.of_targets or self.by_size)
 
-    def estimate(self, evaluated: Evaluated) -> Estimate:
+    def estimate(self, evaluated: Evaluated) -> ClusterEstimate:
         """The score of answers under one condition, undefined where there is nothing to score."""
         if self.by_size is not None:
             return self.by_size(evaluated, "all")
         found = evaluated.mean(self.name) if self.of is None else self.of(evaluated)
-        return found if isinstance(found, Estimate) else Estimate(found)
+        return found if isinstance(found, ClusterEstimate) else ClusterEstimate(found)
 
 
 def of_conditions() -> list[Score]:
@@ -103,7 +103,7 @@ def _found(confidence: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isnan(confidence), np.nan, confidence >= FOUND_SCORE)
 
 
-def _precision(evaluated: Evaluated, size: str, first: int = 0, last: int = 10) -> Estimate:
+def _precision(evaluated: Evaluated, size: str, first: int = 0, last: int = 10) -> ClusterEstimate:
     """COCO's average precision over some of its ten IoUs."""
     return evaluated.average(size, slice(first, last))
 

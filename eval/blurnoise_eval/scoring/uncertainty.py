@@ -35,7 +35,7 @@ MOST_CLUSTERS = 128
 Array = NDArray[np.float64]
 
 
-class Estimate(NamedTuple):
+class ClusterEstimate(NamedTuple):
     """A value, None where it is undefined, and the clusters' influence on it (n,), None where it is not known.
 
     cautious: a lower one, where the value is known to lie above what many pictures would give: the interval
@@ -44,7 +44,7 @@ class Estimate(NamedTuple):
 
     value: float | None
     influence: Array | None = None
-    cautious: Estimate | None = None
+    cautious: ClusterEstimate | None = None
 
     @property
     def pseudo_values(self) -> Array:
@@ -73,22 +73,22 @@ def influence(sums: ArrayLike, counts: ArrayLike) -> Array:
         return np.asarray(np.where(others > 0, found, np.nan))
 
 
-def mean(sums: ArrayLike, counts: ArrayLike) -> Estimate:
+def mean(sums: ArrayLike, counts: ArrayLike) -> ClusterEstimate:
     """Sum over clusters of ``sums`` (n,) by that of ``counts`` (n,)."""
     value = float(ratio_of_sums(sums, counts))
-    return Estimate(None) if math.isnan(value) else Estimate(value, influence(sums, counts))
+    return ClusterEstimate(None) if math.isnan(value) else ClusterEstimate(value, influence(sums, counts))
 
 
-def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> Estimate:
+def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> ClusterEstimate:
     """Of a measure (1 + n,): of all, then without each cluster, NaN where it is not defined; cautious: the same of a
     lower one, none below 0."""
     every = np.asarray(values, float)
     whole, without = float(every[0]), every[1:]
     if not math.isfinite(whole):
-        return Estimate(None)
+        return ClusterEstimate(None)
     lower = None if cautious is None else left_out(np.maximum(cautious, 0.0))
     kept = lower if lower is not None and lower.value is not None and lower.value < whole else None
-    return Estimate(whole, (np.isfinite(without).sum() - 1) * (whole - without), kept)
+    return ClusterEstimate(whole, (np.isfinite(without).sum() - 1) * (whole - without), kept)
 
 
 def all_and_without(each: NDArray[Any]) -> NDArray[Any]:
@@ -99,30 +99,30 @@ def all_and_without(each: NDArray[Any]) -> NDArray[Any]:
     return every
 
 
-def mean_of(estimates: Sequence[Estimate]) -> Estimate:
+def mean_of(estimates: Sequence[ClusterEstimate]) -> ClusterEstimate:
     """Mean of estimates that are all defined; undefined of none.
 
     A cluster that has no say in one of them leaves that as it is.
     """
     if not estimates:
-        return Estimate(None)
+        return ClusterEstimate(None)
     value = float(np.mean([each.value for each in estimates if each.value is not None]))
     known = [each.influence for each in estimates if each.influence is not None]
     if len(known) < len(estimates):
-        return Estimate(value)
+        return ClusterEstimate(value)
     away = np.where(np.isfinite(known).any(axis=0), np.nan_to_num(known).mean(axis=0), np.nan)
     lower = [each.cautious or each for each in estimates] if any(each.cautious for each in estimates) else []
-    return Estimate(value, away, mean_of(lower) if lower else None)
+    return ClusterEstimate(value, away, mean_of(lower) if lower else None)
 
 
-def ratio(one: Estimate, other: Estimate) -> Estimate:
+def ratio(one: ClusterEstimate, other: ClusterEstimate) -> ClusterEstimate:
     """One estimate by the other; undefined where that is 0. What is cautious in both cancels."""
     if one.value is None or not other.value:
-        return Estimate(None)
+        return ClusterEstimate(None)
     value = one.value / other.value
     if one.influence is None or other.influence is None:
-        return Estimate(value)
-    return Estimate(value, (one.influence - value * other.influence) / other.value)
+        return ClusterEstimate(value)
+    return ClusterEstimate(value, (one.influence - value * other.influence) / other.value)
 
 
 class Ends(NamedTuple):
@@ -206,7 +206,7 @@ def of_difference(mean: ArrayLike, influence: ArrayLike, confidence: float = CON
     return Ends(*(np.where(enough(n), end, np.nan) for end in (middle - half, middle + half)))
 
 
-def interval_of(estimate: Estimate, most: float | None) -> tuple[float | None, float | None]:
+def interval_of(estimate: ClusterEstimate, most: float | None) -> tuple[float | None, float | None]:
     """The 95 % interval of an estimate, None from too few clusters.
 
     most: the greatest value that it can have, as of :func:`of_level`; None of a difference.
@@ -222,7 +222,7 @@ def interval_of(estimate: Estimate, most: float | None) -> tuple[float | None, f
     return low if cautious is None else min(low, cautious), high
 
 
-def with_interval(estimate: Estimate, most: float) -> WithInterval:
+def with_interval(estimate: ClusterEstimate, most: float) -> WithInterval:
     """An estimate as rows have it."""
     return WithInterval(estimate.value, *interval_of(estimate, most))
 

@@ -44,7 +44,7 @@ SHARE, PX = number(0.0, 1.000001), number(-1e9, 1e9)
 MEASURED = number(-math.inf, math.inf)
 
 
-class Column(NamedTuple):
+class TableColumn(NamedTuple):
     """A column: its name, SQLite's type, the condition on each value, and its meaning."""
 
     name: str
@@ -236,9 +236,9 @@ def _parts(row: Any) -> dict[str, Any]:
     return {name: part for name, hint in _hints(row).items() if (part := _part(hint)) is not None}
 
 
-def columns_of(row: Any, *, optional: bool = True) -> list[Column]:
+def columns_of(row: Any, *, optional: bool = True) -> list[TableColumn]:
     """The columns of a row's table. optional: with those of parts that may be missing."""
-    found: list[Column] = []
+    found: list[TableColumn] = []
     for name, hint in _hints(row).items():
         if hint is AxisValues:
             found += [_of_axis(each) for each in row.axes]
@@ -250,24 +250,24 @@ def columns_of(row: Any, *, optional: bool = True) -> list[Column]:
     return found
 
 
-def _column(name: str, kind: Any, *about: str) -> Column:
+def _column(name: str, kind: Any, *about: str) -> TableColumn:
     """about: the condition on values, which tables that are no part of a run's file lack, and the meaning."""
     holds = about[0] if len(about) > 1 else ""
     plain = [each for each in (get_args(kind) or (kind,)) if each is not type(None)]
     optional = type(None) in get_args(kind)
-    return Column(name, _KINDS.get(plain[0], ""), or_none(holds) if optional else holds, about[-1])
+    return TableColumn(name, _KINDS.get(plain[0], ""), or_none(holds) if optional else holds, about[-1])
 
 
 _KINDS: Mapping[Any, str] = {float: "REAL", int: "INTEGER", bool: "INTEGER", str: "TEXT"}
 
 
-def _of_axis(name: str) -> Column:
+def _of_axis(name: str) -> TableColumn:
     if name == "clean":
-        return Column(
+        return TableColumn(
             name, "INTEGER", FLAG, "whether this is the original picture; it has no value on any axis"
         )
     axis = AXES[_INDEX[name]]
-    return Column(name, "REAL", _on(axis), axis.about)
+    return TableColumn(name, "REAL", _on(axis), axis.about)
 
 
 def _on(axis: Axis) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.plan.axes import AUTOMATIC, CHOICES, NAMES, SETTING, VELOCITY, setting_of
-from blurnoise_eval.store.columns import CONDITIONS, AxisValues, Column, columns_of
+from blurnoise_eval.store.columns import CONDITIONS, AxisValues, TableColumn, columns_of
 from blurnoise_eval.store.rows import MEANS, CellRow, ScoreRow, TargetRow
 from blurnoise_eval.store.schema import ROWS, SORTED
 from blurnoise_eval.store.store import Store, unpack, unpack_all
@@ -249,7 +249,7 @@ def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
     return written
 
 
-def _as_text(table: str, column: Column) -> str:
+def _as_text(table: str, column: TableColumn) -> str:
     name, value = column.name, f'{table}."{column.name}"'
     if name in CHOICES:
         places = " ".join(f"WHEN {place} THEN '{choice}'" for place, choice in enumerate(CHOICES[name]))

@@ -12,7 +12,7 @@ from blurnoise_eval.store.columns import (
     HASH,
     NAME,
     SIZE,
-    Column,
+    TableColumn,
     columns_of,
     or_none,
 )
@@ -28,30 +28,30 @@ _DETECTIONS = (
     f"typeof({{0}}) = 'blob' AND length({{0}}) % {DETECTION_BYTES} = 0"
     f" AND length({{0}}) <= {DETECTION_BYTES * 50_000}"
 )
-COLUMNS: dict[str, tuple[Column, ...]] = {
+COLUMNS: dict[str, tuple[TableColumn, ...]] = {
     "about": (
-        Column("key", "TEXT", NAME),
-        Column("value", "TEXT", "typeof({0}) = 'text'"),
-        Column("signature", "TEXT", or_none(NAME)),
+        TableColumn("key", "TEXT", NAME),
+        TableColumn("value", "TEXT", "typeof({0}) = 'text'"),
+        TableColumn("signature", "TEXT", or_none(NAME)),
     ),
     "cells": (
         *columns_of(CellRow, optional=False),
-        Column("non_finite_values", "INTEGER", or_none(BIG)),
-        Column("detections", "BLOB", _DETECTIONS),
+        TableColumn("non_finite_values", "INTEGER", or_none(BIG)),
+        TableColumn("detections", "BLOB", _DETECTIONS),
     ),
     "targets": (*columns_of(TargetRow),),
     "pictures": (
-        Column("image", "TEXT", NAME),
-        Column("identity", "TEXT", ANY_TEXT),
-        Column("content", "TEXT", HASH),
-        Column("width_px", "INTEGER", SIZE),
-        Column("height_px", "INTEGER", SIZE),
-        Column("look", "TEXT", f"{HASH} AND length({{0}}) <= 16"),
+        TableColumn("image", "TEXT", NAME),
+        TableColumn("identity", "TEXT", ANY_TEXT),
+        TableColumn("content", "TEXT", HASH),
+        TableColumn("width_px", "INTEGER", SIZE),
+        TableColumn("height_px", "INTEGER", SIZE),
+        TableColumn("look", "TEXT", f"{HASH} AND length({{0}}) <= 16"),
     ),
-    "skipped": (Column("image", "TEXT", NAME), Column("reason", "TEXT", ANY_TEXT)),
+    "skipped": (TableColumn("image", "TEXT", NAME), TableColumn("reason", "TEXT", ANY_TEXT)),
 }
 """The columns of each table."""
-OF_LAMPS: dict[str, Column] = {column.name: column for column in columns_of(OfLamp)}
+OF_LAMPS: dict[str, TableColumn] = {column.name: column for column in columns_of(OfLamp)}
 """Further columns of cells in runs with a pulsed lamp."""
 RUN_TABLES = ("cells", "targets", "pictures", "skipped")
 """All but ``about``."""
@@ -59,7 +59,7 @@ _KEYS = {"about": "key", "cells": "cell_id, model", "targets": "cell_id, model, 
 _INDICES = {"cells_by_image": "image", "cells_by_conditions": f"model, clean, {', '.join(LIGHT_FIRST)}"}
 
 
-def _listed(columns: Iterable[Column]) -> str:
+def _listed(columns: Iterable[TableColumn]) -> str:
     return ", ".join(f'"{column.name}" {column.kind}' for column in columns)
 
 
@@ -79,7 +79,7 @@ VERSION = int.from_bytes(hashlib.sha256(TABLES.encode()).digest()[:4]) >> 1
 """Of the tables: a number made of their columns."""
 
 
-def faulty(table: str, columns: Iterable[Column], *, one_by_one: bool = False) -> str:
+def faulty(table: str, columns: Iterable[TableColumn], *, one_by_one: bool = False) -> str:
     """The query for a row in which a condition does not hold; one_by_one: for each condition whether it does."""
     holds = ["({})".format(column.holds.format(f'"{column.name}"')) for column in columns]
     shown = ", ".join(holds) if one_by_one else "1"

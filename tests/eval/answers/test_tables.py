@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers.curves import Curve
+from blurnoise_eval.answers.curves import ScoreCurve
 from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.per_condition import Scored
 from blurnoise_eval.answers.table import tables_by_size
 from blurnoise_eval.scoring import uncertainty
-from blurnoise_eval.scoring.uncertainty import Estimate, left_out
+from blurnoise_eval.scoring.uncertainty import ClusterEstimate, left_out
 from blurnoise_eval.store.columns import ORIGINAL, AxisValues
 from blurnoise_eval.store.rows import ScoreRow
 from plans import OWN
@@ -23,7 +23,7 @@ def estimate(value):
 def sized(exposure_s, speed, large, **pictures):
     at = {"exposure_s": exposure_s, "illuminance_lux": 50.0, "velocity_x_px_s": speed, "velocity_y_px_s": 0.0}
     row = ScoreRow("m", AxisValues.of({**at, **OWN}), None, 1, 9, 0, **pictures)
-    nothing = dict.fromkeys(("all", "small", "medium"), Estimate(None))
+    nothing = dict.fromkeys(("all", "small", "medium"), ClusterEstimate(None))
     return Scored(row, large, {**nothing, "large": large}, {"all": 9, "small": 0, "medium": 4, "large": 5})
 
 
@@ -54,7 +54,7 @@ def test_values_and_intervals_are_the_scores_own(kept):
     for (exposure_s, speed), own in CONDITIONS.items():
         (line,) = table.take([at.index((exposure_s, speed))]).along("exposure_s")
         assert line.mean[0] == pytest.approx(own.value / (0.5 if kept else 1.0))
-        curve = Curve.over("exposure_s", line)
+        curve = ScoreCurve.over("exposure_s", line)
         ends = curve.interval()
         away = own.influence
         if kept:
@@ -72,7 +72,7 @@ def rows_of(clean, exposed):
             own = values[:, place]
             at = ORIGINAL if is_clean else AxisValues.of({"illuminance_lux": 0.0, "exposure_s": 0.01})
             row = ScoreRow(model["name"], at, None, 1, 1, 0)
-            every.append(Scored(row, Estimate(float(own.mean()), own - own.mean()), {}, {}))
+            every.append(Scored(row, ClusterEstimate(float(own.mean()), own - own.mean()), {}, {}))
     return model_rows(models, every, [], (), True)
 
 

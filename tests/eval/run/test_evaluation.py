@@ -166,11 +166,13 @@ class Brightest:
                 return
 
 
-def test_a_strategy_of_ones_own_reads_what_was_computed(detector, tmp_path):
+def test_a_strategy_of_ones_own_reads_what_was_computed(tmp_path):
     """It may read the run's rows before the next step; what it leaves out is missing from the grid."""
     signs = datasets.rendered_signs((50,), count=1)
     for lux, n_exposures in ((1e-3, 2), (2000.0, 1)):
         plan = swept((0.002, 0.01), (lux,))
-        run = evaluate(detector, signs, "imx250", plan, output=tmp_path / str(lux), strategy=Brightest)
+        run = evaluate(
+            pictures=signs, camera="imx250", plan=plan, output=tmp_path / str(lux), strategy=Brightest
+        )
         assert len({row["exposure_s"] for row in run.cells if not row["clean"]}) == n_exposures
         assert run.summary()["missing_cells"] == 2 - n_exposures

@@ -58,7 +58,9 @@ def test_lattice_is_near_every_place_of_every_line_and_nowhere_else(lines):
 
 
 def line_of(at):
-    return ExposureLine(at.illuminance_lux, (at.stated["velocity_x_px_s"], at.stated["velocity_y_px_s"]))
+    return ExposureLine(
+        at.illuminance_lux, (at.specified["velocity_x_px_s"], at.specified["velocity_y_px_s"])
+    )
 
 
 @pytest.mark.parametrize("lines", [LINES, LINES[2:3], [ExposureLine(7.0, (0.0, -333.0)), ExposureLine(70.0)]])

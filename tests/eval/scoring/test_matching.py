@@ -12,7 +12,7 @@ from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring import matching
 from blurnoise_eval.scoring.boxes import iou, xywh
 from blurnoise_eval.scoring.matching import Targets, matched, target_confidences
-from blurnoise_eval.scoring.on_picture import View
+from blurnoise_eval.scoring.on_picture import ModelOnPicture
 from coco_oracle import hits
 from signs_in_memory import BOX as SIGN
 from signs_in_memory import sign
@@ -96,7 +96,7 @@ def to_the_right(boxes, sizes_px, labels):
 @pytest.mark.parametrize("labelled", [True, False], ids=["labelled", "found when clean"])
 def test_a_detector_is_held_against_moved_targets(detector, labelled):
     targets = (Target("stop sign", "signs", SIGN),) if labelled else None
-    seen = View(detector, Picture("p", targets, sign, "p"), sign())
+    seen = ModelOnPicture(detector, Picture("p", targets, sign, "p"), sign())
     (clean,), (missed,) = seen.clean.targets, seen.evaluate(sign(right_px=SHIFT_PX)).targets
     (found,) = seen.evaluate(sign(right_px=SHIFT_PX), to_the_right).targets
     assert clean.confidence > 0.8
@@ -131,7 +131,9 @@ class Asked:
 
 def test_a_reader_reads_where_the_targets_stand():
     reader = Asked()
-    seen = View(reader, Picture("p", (Target("text", "texts", SIGN, text="STOP"),), sign, "p"), sign())
+    seen = ModelOnPicture(
+        reader, Picture("p", (Target("text", "texts", SIGN, text="STOP"),), sign, "p"), sign()
+    )
     (row,) = seen.evaluate(sign(right_px=SHIFT_PX), to_the_right).targets
     assert reader.boxes == [[SIGN], [MOVED]]
     assert (row.box_xyxy, row.confidence) == (MOVED, 0.9)

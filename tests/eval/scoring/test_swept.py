@@ -12,7 +12,7 @@ from blurnoise_eval.run.exposing import PictureScene, frames
 from blurnoise_eval.scoring.boxes import swept_within
 from blurnoise_eval.scoring.evaluated import Evaluated, Truth
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
-from blurnoise_eval.scoring.on_picture import View
+from blurnoise_eval.scoring.on_picture import ModelOnPicture
 from numpy.typing import NDArray
 
 from blurnoise import Camera
@@ -56,7 +56,7 @@ def answers(found, velocity_px_s):
     x, y = velocity_px_s
     at = Conditions(exposure_s=EXPOSURE_S, illuminance_lux=LUX, velocity_x_px_s=x, velocity_y_px_s=y)
     (frame,) = frames(scene, [Cell("p", 0, at, 7)], CAMERA)
-    seen = View(Fake(found), picture, square())  # type: ignore[arg-type]
+    seen = ModelOnPicture(Fake(found), picture, square())  # type: ignore[arg-type]
     (row,) = seen.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes).targets
     return row
 
