@@ -1,4 +1,4 @@
-"""EdgeResponse of an edge to spatial frequency, from its spline or by ISO 12233's steps, and the numbers read off it.
+"""Response of an edge to spatial frequency, from its spline or by ISO 12233's steps, and the numbers read off it.
 
 Domain: frequencies in cycles/px along the edge's normal. A response is represented by its power: its squared modulus
 less the power of the noise. This has no bias, and may be negative where only noise is left.
@@ -62,7 +62,7 @@ class EdgeResponse:
 
 
 def exact_response(spline: Spline, sides: Sides, weights: Tensor | None) -> EdgeResponse:
-    """EdgeResponse at FREQUENCIES of the spline, and of its resamples by ``weights`` (n, H), which carry the noise twice.
+    """Response at FREQUENCIES of the spline, and of its resamples by ``weights`` (n, H), which carry the noise twice.
 
     The derivative of a cubic B-spline is a difference of two quadratic ones, hence the response is the Fourier sum
     of the coefficients' differences times sinc^3.
@@ -104,7 +104,7 @@ def _noise_power(covariance: Tensor) -> Tensor:
 
 
 def iso_response(values: Tensor, noise: Tensor, weights: Tensor | None) -> EdgeResponse:
-    """EdgeResponse by the standard's steps, with sfrmat5's quirks: bins are filled by ceil(), and the derivative's
+    """Response by the standard's steps, with sfrmat5's quirks: bins are filled by ceil(), and the derivative's
     correction, capped at 10, counts frequencies from 1 (ISO 12233:2023, annex D; P. D. Burns, sfrmat5, 2023).
 
     values: (B, H, W), bright on the right, with noise of variance ``noise`` (B,); weights: (n, H), of resamples. The
