@@ -30,7 +30,6 @@ LONGEST_LINES = 450
 MOST_PARAMETERS = 10
 WITH_MORE_PARAMETERS = {
     "blurnoise.scene.simulate.simulate",  # a keyword for each condition, for those who know no record yet
-    "blurnoise.scene.plan.plan",
 }
 """Functions that may have more; commands may, too: their parameters are the arguments and options of the command."""
 
@@ -189,9 +188,7 @@ NAMED_TWICE: dict[str, set[str]] = {
         "blurnoise_eval.datasets.netpbm",
     },
     "Layout": {"blurnoise.blur.fourier", "blurnoise_eval.detectors.formats.family"},
-    "Line": {"blurnoise.metrics.edge.place", "blurnoise_eval.run.search_space"},
     "Objects": {"blurnoise.light.motion", "blurnoise_eval.datasets.yolo_labels"},
-    "Response": {"blurnoise.blur.fourier", "blurnoise.metrics.edge.response"},
     "Scene": {"blurnoise.scene.scene", "blurnoise_eval.datasets.rendered", "blurnoise_models.scenes.compose"},
 }
 """Names that stand for several classes all the same, and where; no further ones."""
