@@ -179,7 +179,7 @@ QUANTITIES: Mapping[str, Axis] = {key(axis): axis for axis in (*AXES, *FIGURES)}
 
 @dataclass(frozen=True)
 class Control:
-    """A slider with a field. values: at the positions of the slider, in increasing order, in the unit of the column."""
+    """A slider with a field. values: at the positions of the slider, increasing, in the unit of the column."""
 
     axis: Axis
     values: tuple[float, ...]
