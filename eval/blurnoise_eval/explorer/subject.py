@@ -97,7 +97,7 @@ class Subject:
         view = self._view(model)
         standard = Standard.of(self._criterion, view.clean)
         output = view.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
-        return Rendered(frame, Scored(output, view.clean, standard, model.contract.classes))
+        return Rendered(frame, PictureScore(output, view.clean, standard, model.contract.classes))
 
     def curve(self, state: State, camera: Camera, model: Detector) -> Iterator[Point]:
         """Mean confidences along the exposure, from end to end of its slider."""
@@ -112,7 +112,7 @@ class Subject:
 
 
 @dataclass(frozen=True)
-class Scored:
+class PictureScore:
     """The detections in a picture and in its original, with the standard of the picture and the names of classes."""
 
     output: ModelOutput
@@ -163,7 +163,7 @@ class Rendered:
     """A picture, with its detections if there is a detector."""
 
     frame: Frame
-    scored: Scored | None = None
+    scored: PictureScore | None = None
 
     @property
     def exposure(self) -> Exposure:

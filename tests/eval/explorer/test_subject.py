@@ -11,7 +11,7 @@ from blurnoise_eval.datasets import Picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.explorer.state import State, controls
-from blurnoise_eval.explorer.subject import CURVE_EVERY, Scored, Subject
+from blurnoise_eval.explorer.subject import CURVE_EVERY, PictureScore, Subject
 from blurnoise_eval.explorer.verdict import Point, Standard, mean_confidence, window, window_sentence
 from blurnoise_eval.scoring.on_picture import NOTHING, ModelOutput
 from blurnoise_models.detector import STOP_SIGN
@@ -136,7 +136,7 @@ def test_boxes_are_found_missed_or_others():
     boxes_xyxy = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
     detections = Detections(boxes_xyxy, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
     answer = ModelOutput(detections, (target(10, 0.3), target(60, 0.2)), 1.0, None, 0)
-    scored = Scored(answer, answer, Standard.of(ABSOLUTE, answer), ("sign",))
+    scored = PictureScore(answer, answer, Standard.of(ABSOLUTE, answer), ("sign",))
     assert [(each["kind"], each["text"]) for each in scored.boxes] == [
         ("other", "sign 0.90"), ("found", "0.30"), ("missed", "0.20"),
     ]  # fmt: skip
