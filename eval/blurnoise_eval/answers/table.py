@@ -135,8 +135,8 @@ class ScoreTable:
     def reference_too_low(self) -> bool:
         """Whether the score on the original pictures is too low to serve as a reference for a kept share.
 
-        That is a mean below ``LEAST_KNOWN``, however many targets there are; where the scores add up to less than 1, a
-        mean below the score from which a target counts as found.
+        That is a mean below ``LEAST_KNOWN``, however many targets there are; where the scores add up to less than 1,
+        a mean below the score from which a target counts as found.
         """
         least = FOUND_SCORE if self.reference < 1 else LEAST_KNOWN
         return self.kept and (self.clean or 0.0) < least

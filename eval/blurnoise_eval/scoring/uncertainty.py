@@ -103,8 +103,8 @@ def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> ClusterEst
 def all_and_without(each: NDArray[Any]) -> NDArray[Any]:
     """Totals over clusters of numbers (n, ...), then the totals without each cluster, (1 + n, ...).
 
-    >>> all_and_without(np.array([1, 2, 4]))
-    array([7, 6, 5, 3])
+    >>> all_and_without(np.array([[1], [2], [4]])).ravel().tolist()
+    [7, 6, 5, 3]
     """
     every = np.empty((1 + len(each), *each.shape[1:]), each.dtype)
     each.sum(axis=0, out=every[0])
