@@ -30,7 +30,6 @@ LONGEST_LINES = 450
 MOST_PARAMETERS = 10
 WITH_MORE_PARAMETERS = {
     "blurnoise.scene.simulate.simulate",  # a keyword for each condition, for those who know no record yet
-    "blurnoise.scene.plan.plan",
 }
 """Functions that may have more; commands may, too: their parameters are the arguments and options of the command."""
 
@@ -174,30 +173,11 @@ def prints(source):
 NAMED_TWICE: dict[str, set[str]] = {
     # a door for another library
     "RandomExposure": {"blurnoise.albumentations", "blurnoise.training.augmentation"},
-    "Annotation": {"blurnoise_eval.datasets.coco_labels", "blurnoise_eval.datasets.voc_labels"},
     "Axis": {"blurnoise.blur.fourier", "blurnoise_eval.plan.axes"},
-    "Box": {"blurnoise_eval.datasets.voc_labels", "blurnoise_eval.measure.find_edges"},
-    "Category": {"blurnoise_eval.datasets.coco_labels", "blurnoise_eval.run.documents"},
-    "Comparison": {"blurnoise_eval.contracts.comparison", "blurnoise_eval.measure.comparison"},
     "Curve": {"blurnoise.camera.spectra", "blurnoise_eval.calibration.fit"},
     "Distortion": {"blurnoise.camera.lens", "blurnoise.light.lens"},
     "Draws": {"blurnoise.metrics.information", "blurnoise_models.scenes.paint"},
-    "Frame": {"blurnoise_eval.datasets.bdd_labels", "blurnoise_eval.run.exposing"},
-    "Header": {
-        "blurnoise_eval.calibration.headers",
-        "blurnoise_eval.datasets.images",
-        "blurnoise_eval.datasets.netpbm",
-    },
-    "Layout": {"blurnoise.blur.fourier", "blurnoise_eval.detectors.formats.family"},
-    "Line": {"blurnoise.metrics.edge.place", "blurnoise_eval.run.search_space"},
-    "Objects": {
-        "blurnoise.light.motion",
-        "blurnoise_eval.datasets.yolo_labels",
-        "blurnoise_eval.plan.objects",
-    },
-    "Response": {"blurnoise.blur.fourier", "blurnoise.metrics.edge.response"},
-    "Scene": {"blurnoise.scene.scene", "blurnoise_eval.datasets.rendered", "blurnoise_models.scenes.compose"},
-    "Setting": {"blurnoise.scene.metering", "blurnoise_eval.plan.settings"},
+    "Scene": {"blurnoise.scene.scene", "blurnoise_models.scenes.compose"},
 }
 """Names that stand for several classes all the same, and where; no further ones."""
 

@@ -26,6 +26,10 @@ def extended(image: Tensor, before: tuple[int, int], spans: tuple[int, int], bor
     """The picture continued to ``spans`` pixels (down, across), ``before`` of them above and to the left.
 
     border: "reflect" without the outermost pixel twice, "replicate", "circular", or "constant" for black.
+
+    >>> row = torch.tensor([[[[1.0, 2.0, 3.0]]]])
+    >>> extended(row, (0, 1), (1, 6), "reflect")
+    tensor([[[[2., 1., 2., 3., 2., 1.]]]])
     """
     height, width = spans
     if (height, width) == tuple(image.shape[-2:]):
@@ -52,7 +56,11 @@ def continued(plane: NDArray[Any], into: NDArray[Any], before: tuple[int, int], 
 
 
 def folded(places: Tensor, size: int, border: Border) -> Tensor:
-    """The pixels of ``size`` along an axis that a border shows at ``places``, beyond them too; not "constant"."""
+    """The pixels of ``size`` along an axis that a border shows at ``places``, beyond them too; not "constant".
+
+    >>> folded(torch.arange(-2, 5), 3, "circular")
+    tensor([1, 2, 0, 1, 2, 0, 1])
+    """
     if border == "replicate" or size == 1:
         return places.clamp(0, size - 1)
     if border == "circular":
@@ -62,7 +70,13 @@ def folded(places: Tensor, size: int, border: Border) -> Tensor:
 
 
 class Window(NamedTuple):
-    """A rectangle of pixels, which may extend beyond the picture."""
+    """A rectangle of pixels, which may extend beyond the picture.
+
+    >>> Window(0, 0, 4, 6).grown(1, 2)
+    Window(top=-1, left=-2, height=6, width=10)
+    >>> Window(2, 3, 4, 6).clipped((5, 5))
+    Window(top=2, left=3, height=3, width=2)
+    """
 
     top: int
     left: int
@@ -117,6 +131,9 @@ def placed(
     """Place planes (1, C, h, w) with their corner at (left, top) of a picture (H, W) into a window, 0 around them.
 
     Planes that end at the picture's border are continued beyond it by the border mode.
+
+    >>> placed(torch.ones(1, 1, 1, 2), (0, 0), Window(0, -1, 1, 4), (1, 5), "replicate")
+    tensor([[[[1., 1., 1., 0.]]]])
     """
     left, top = place_px
     height, width = own.shape[-2:]

@@ -106,7 +106,12 @@ class OutOfRange(ValueError):
 
 
 def limited(name: str, value: float, entry: str | None = None) -> float:
-    """``value`` as a float. Raises ``TypeError`` or ``ValueError`` outside the limit of its name, or of ``entry``."""
+    """``value`` as a float. Raises ``TypeError`` or ``ValueError`` outside the limit of its name, or of ``entry``.
+
+    >>> limited("gain_db", 200)
+    Traceback (most recent call last):
+    blurnoise._core.checks.OutOfRange: gain_db = 200: must be finite and >= -120 and <= 120
+    """
     low, high, above = LIMITS[entry or name]
     return in_range(name, value, low, high, above=above)
 
@@ -115,7 +120,11 @@ def in_range(
     name: str, value: float, low: float = -math.inf, high: float = math.inf, *, above: bool = False
 ) -> float:
     """``value``, finite, as a float. Raises ``TypeError``, or ``ValueError`` unless ``low <= value <= high``; above:
-    unless ``low < value``."""
+    unless ``low < value``.
+
+    >>> in_range("share", 1, 0.0, 1.0)
+    1.0
+    """
     try:
         if isinstance(value, (str, bytes, bool, np.bool_)):
             raise TypeError
@@ -140,7 +149,11 @@ def counted(name: str, value: int, entry: str | None = None) -> int:
 
 
 def integer(name: str, value: int, low: int, high: int) -> int:
-    """``value`` as an int, NumPy's too. Raises ``TypeError`` for no integer, ``ValueError`` outside [low, high]."""
+    """``value`` as an int, NumPy's too. Raises ``TypeError`` for no integer, ``ValueError`` outside [low, high].
+
+    >>> integer("seed", np.int64(3), 0, 9)
+    3
+    """
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise TypeError(f"{name} = {shown(value)}: must be an integer")
     if not low <= value <= high:
@@ -176,7 +189,12 @@ def an_instance(name: str, value: object, kind: type) -> None:
 
 
 def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
-    """``value``. Raises ``ValueError`` unless it is one of ``allowed``."""
+    """``value``. Raises ``ValueError`` unless it is one of ``allowed``.
+
+    >>> one_of("border", "mirror", ("reflect", "circular"))
+    Traceback (most recent call last):
+    ValueError: border = 'mirror': must be one of 'reflect', 'circular'
+    """
     choices = list(allowed)
     if not isinstance(value, str) or value not in choices:
         raise ValueError(f"{name} = {shown(value)}: must be one of {', '.join(map(repr, choices))}")
@@ -184,7 +202,12 @@ def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
 
 
 def known(what: str, name: object, names: Collection[str]) -> None:
-    """Raise ``ValueError`` that suggests the nearest of ``names`` unless ``name`` is among them."""
+    """Raise ``ValueError`` that suggests the nearest of ``names`` unless ``name`` is among them.
+
+    >>> known("field", "f_numbr", ["f_number", "hfov_deg"])
+    Traceback (most recent call last):
+    ValueError: field 'f_numbr' is unknown; did you mean 'f_number'? Known are f_number, hfov_deg
+    """
     if not isinstance(name, str) or name not in names:
         near = get_close_matches(name[:99], names, n=1) if isinstance(name, str) else []
         hint = f"did you mean {near[0]!r}? " if near else ""
@@ -287,7 +310,11 @@ def _bounds(low: float, high: float, above: bool = False) -> str:
 
 
 def shown(value: object) -> str:
-    """The value in a message: on one line of at most 120 characters, however large it is inside."""
+    """The value in a message: on one line of at most 120 characters, however large it is inside.
+
+    >>> shown([1.0] * 1000)
+    '[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, ...]'
+    """
     if isinstance(value, Tensor):
         kind = _without_values(value)
         value = (

@@ -19,6 +19,9 @@ def look_up(table: Tensor, dn: Tensor) -> Tensor:
     """``table``'s value for each digital number, clipped to the table; the table's dtype, dn's shape.
 
     dn: integers or floats without NaN, which no integer stands for.
+
+    >>> look_up(torch.tensor([0.0, 0.5, 1.0]), torch.tensor([0, 2, 9]))
+    tensor([0., 1., 1.])
     """
     last, dn = len(table) - 1, dn.detach()
     if dn.device.type != "cpu":

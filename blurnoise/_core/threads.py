@@ -116,6 +116,11 @@ def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: in
     """``work(job)`` for every job, on up to ``threads`` threads; in turn within a job, or where one is enough.
 
     The first exception of a job is raised, after all have ended.
+
+    >>> done = []
+    >>> side_by_side(done.append, range(3), 2)
+    >>> sorted(done)
+    [0, 1, 2]
     """
     todo = list(jobs)
     if threads <= 1 or len(todo) < 2 or getattr(_state, "working", False):

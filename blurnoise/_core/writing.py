@@ -95,7 +95,16 @@ def note_inputs(paths: Iterable[Path]) -> None:
 
 
 def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write ``data``, at once or piece by piece, as :func:`written_whole`. Raises ``OSError`` that names ``path``."""
+    """Write ``data``, at once or piece by piece, as :func:`written_whole`. Raises ``OSError`` that names ``path``.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> write_whole(path, b"one")
+    >>> write_whole(path, b"two")  # replaces what blurnoise wrote
+    >>> path.write_text("mine") and write_whole(path, b"three")
+    Traceback (most recent call last):
+    FileExistsError: [Errno 17] is a file that blurnoise did not write, or that was changed since; ...
+    """
     with written_whole(path) as unfinished, _naming(path), unfinished.open("xb") as file:
         file.writelines([data] if isinstance(data, bytes) else data)
 

@@ -77,7 +77,11 @@ class Camera:
         )
 
     def figure(self, name: str) -> Any:
-        """The value of a field of the lens, the sensor or the ISP. Raises ``KeyError`` for another name."""
+        """The value of a field of the lens, the sensor or the ISP. Raises ``KeyError`` for another name.
+
+        >>> Camera.preset("imx250").figure("full_well_e")
+        10715.0
+        """
         return getattr(getattr(self, RECORD_OF[name]), name)
 
     def with_figures(self, **figures: Any) -> Camera:
@@ -100,6 +104,10 @@ class Camera:
         """The camera at an analogue gain up to ``analogue_gain_max_db``, and the remaining digital gain.
 
         :meth:`Sensor.amplified` says how its figures follow. Raises ``ValueError`` beyond ``gain_max_db``.
+
+        >>> camera, digital_db = Camera.preset("imx250").at_gain(30.0)
+        >>> round(camera.sensor.system_gain_dn_per_e, 2), digital_db
+        (6.05, 6.0)
         """
         in_range("gain_db", gain_db, LIMITS["gain_db"].low, self.sensor.gain_max_db)
         return _at_gain(self, float(gain_db))
@@ -118,6 +126,10 @@ class Camera:
 
         source: for figures without one in ``values["sources"]``. folder: base of relative paths of tables. Raises
         ``TypeError`` or ``ValueError`` naming the field, its value and what is allowed.
+
+        >>> mine = Camera.from_dict({"name": "mine", "base": "imx250", "read_noise_e": 3.1})
+        >>> mine.sensor.read_noise_e, mine.sources["read_noise_e"]
+        (3.1, 'given')
         """
         return cls(**camera_files.completed(values, PRESETS, source, Path(folder)))
 

@@ -31,18 +31,30 @@ class Capture:
 
 
 def staggered(*ratios: float) -> tuple[Capture, ...]:
-    """A capture followed by shorter ones, by exposure ratio: ``staggered(16)``, ``staggered(16, 256)``."""
+    """A capture followed by shorter ones, by exposure ratio: ``staggered(16)``, ``staggered(16, 256)``.
+
+    >>> [capture.exposure_ratio for capture in staggered(16, 256)]
+    [1.0, 16.0, 256.0]
+    """
     return (Capture(), *(Capture(exposure_ratio=ratio) for ratio in ratios))
 
 
 def factors(captures: Sequence[Capture]) -> list[float]:
-    """R_k = T_1 s_1 / (T_k s_k) of every capture: electrons of the first for one of capture k."""
+    """R_k = T_1 s_1 / (T_k s_k) of every capture: electrons of the first for one of capture k.
+
+    >>> factors(staggered(16, 256))
+    [1.0, 16.0, 256.0]
+    """
     first = captures[0].exposure_ratio / captures[0].sensitivity
-    return [each.exposure_ratio / each.sensitivity / first for each in captures]
+    return [one.exposure_ratio / one.sensitivity / first for one in captures]
 
 
 def longest_first_s(captures: Sequence[Capture], within_s: float) -> float:
-    """Longest exposure of the first capture, s, so that all captures end in ``within_s``; that without captures."""
+    """Longest exposure of the first capture, s, so that all captures end in ``within_s``; that without captures.
+
+    >>> longest_first_s(staggered(16), 0.017)
+    0.016
+    """
     longest_s, start_s, lasts = within_s, 0.0, 0.0
     for capture in captures:
         if capture.start_s is not None:
@@ -53,22 +65,26 @@ def longest_first_s(captures: Sequence[Capture], within_s: float) -> float:
 
 
 def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float, float]]:
-    """Start and duration of each capture, s. Raises ``ValueError`` for captures that overlap."""
+    """Start and duration of each capture, s. Raises ``ValueError`` for captures that overlap.
+
+    >>> windows(staggered(16), 0.016)
+    [(0.0, 0.016), (0.016, 0.001)]
+    """
     times: list[tuple[float, float]] = []
     for capture in captures:
-        taken_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio
+        duration_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio
         follows_s = sum(times[-1]) if times else 0.0
-        times.append((follows_s if capture.start_s is None else capture.start_s, taken_s))
+        times.append((follows_s if capture.start_s is None else capture.start_s, duration_s))
     if times and times[0][0] != 0:
         raise ValueError(f"captures: start_s of the first is {shown(times[0][0])}; must be 0")
-    for (other, (begun_s, lasted_s)), (place, (start_s, taken_s)) in combinations(enumerate(times), 2):
-        allowed = (start_s, taken_s) == (begun_s, lasted_s)  # one exposure
-        allowed |= captures[place].sensitivity != captures[other].sensitivity
-        apart_s = max(start_s - begun_s - lasted_s, begun_s - start_s - taken_s)
-        if not allowed and apart_s < -_ROUNDING * exposure_s:
+    for (first, (begun_s, lasted_s)), (second, (start_s, taken_s)) in combinations(enumerate(times), 2):
+        allowed = (start_s, taken_s) == (begun_s, lasted_s)  # one exposure, read at two gains
+        allowed |= captures[second].sensitivity != captures[first].sensitivity
+        gap_s = max(start_s - begun_s - lasted_s, begun_s - start_s - taken_s)
+        if not allowed and gap_s < -_ROUNDING * exposure_s:
             raise ValueError(
-                f"captures: number {place + 1}, {1e3 * start_s:g} to {1e3 * (start_s + taken_s):g} ms, overlaps "
-                f"number {other + 1}, {1e3 * begun_s:g} to {1e3 * (begun_s + lasted_s):g} ms; must follow it, "
+                f"captures: number {second + 1}, {1e3 * start_s:g} to {1e3 * (start_s + taken_s):g} ms, overlaps "
+                f"number {first + 1}, {1e3 * begun_s:g} to {1e3 * (begun_s + lasted_s):g} ms; must follow it, "
                 "have the same start and duration (two gains) or another sensitivity (split pixels)"
             )
     return times

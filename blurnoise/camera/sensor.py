@@ -224,7 +224,13 @@ class Sensor:
         return 20 * math.log10(self.saturation_e / self.threshold_e)
 
     def variance_factor(self, charge_e: float) -> float:
-        """Variance of shot noise over the mean charge, electrons, by ``photon_transfer``."""
+        """Variance of shot noise over the mean charge, electrons, by ``photon_transfer``.
+
+        >>> from blurnoise import Camera
+        >>> bent = Camera.preset("imx250").with_figures(photon_transfer=((0.5, 1.0), (1.0, 0.6)))
+        >>> round(bent.sensor.variance_factor(0.75 * bent.sensor.saturation_e), 2)
+        0.8
+        """
         shares, factors = zip(*self.photon_transfer or [(0.0, 1.0)], strict=True)
         return float(np.interp(in_range("charge_e", charge_e) / self.saturation_e, shares, factors))
 
@@ -247,6 +253,11 @@ class Sensor:
 
         They are measured if the sensor has ``gains``, else computed (:mod:`.gain`). Row and column noise follow read
         noise; ``photon_transfer`` keeps its place in electrons; ``black_level_drift_dn`` does not change.
+
+        >>> from blurnoise import Camera
+        >>> amplified = Camera.preset("imx250").sensor.amplified(20.0)
+        >>> round(amplified.system_gain_dn_per_e, 2), round(amplified.saturation_e)
+        (3.82, 1072)
         """
         if analogue_db == 0:
             return self
@@ -282,6 +293,11 @@ class Sensor:
 
         gain is 1 + prnu N(0, 1) and multiplies the photo signal; offset_e is dsnu_e N(0, 1). Values of whole rows
         and columns of each plane of C are added likewise.
+
+        >>> from blurnoise import Camera
+        >>> gain, offset_e = Camera.preset("imx250").sensor.fixed_pattern((1, 480, 640), seed=1)
+        >>> gain.shape, bool((offset_e == 0).all())
+        (torch.Size([1, 480, 640]), True)
         """
         if not isinstance(shape, (tuple, list)) or len(shape) != 3:
             raise TypeError(f"shape = {shown(shape)}: must be (C, H, W)")

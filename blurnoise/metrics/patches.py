@@ -21,13 +21,13 @@ from blurnoise.metrics import values
 from blurnoise.metrics.values import BatchEstimate
 
 Z = NormalDist().inv_cdf(0.975)
-TREND_SHARE = 0.1  # variance of the trend over that of the noise from which on a patch is not even
+TREND_SHARE = 0.1  # variance of the trend over the noise's from which on a patch is not uniform
 FEWEST_PIXELS = 100  # below it the deviation is known to 7 % at best: the normal interval is too narrow
 SSIM_WINDOW_PX = 11  # Gaussian of sigma 1.5 px, Z. Wang et al. 2004
 
 
 def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) -> BatchEstimate:
-    """SNR of an even patch (..., H, W), mean over standard deviation as a ratio.
+    """SNR of a uniform patch (..., H, W): mean over standard deviation, a ratio.
 
     A surface of second order, with six degrees of freedom, is subtracted to remove shading; the flag "non_uniform"
     tests for it. limits_dn: smallest and largest value of a pixel, black level removed; by default 0 and 255 for 8
@@ -37,6 +37,10 @@ def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) ->
     With n pixels, v degrees of freedom and independent normal noise the ratio r has the variance 1/n + r²/(2v);
     the 95 % interval is too narrow for noise that is correlated between pixels.
     Source: EMVA 1288 release 4, SNR.
+
+    >>> patch = 100 + torch.randn(40, 40, generator=torch.Generator().manual_seed(0))
+    >>> round(float(patch_snr(patch).value))
+    97
     """
     if limits_dn is None and isinstance(patch, Tensor) and patch.dtype == torch.uint8:
         limits_dn = (0, 255)
@@ -53,10 +57,12 @@ def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) ->
     snr = torch.where(finite, mean / std, math.nan)
     margin = Z * torch.sqrt(1 / count + snr**2 / (2 * freedom))
     margin = torch.where(torch.isfinite(margin), margin, math.nan)
-    seen = TREND_SHARE + 5 * (order - 1) / count  # noise alone has a trend, too: on average (order - 1)/count
+    tolerated = (
+        TREND_SHARE + 5 * (order - 1) / count
+    )  # noise alone has a trend of (order - 1)/count on average
     flags = {
         "clipped": _clipped(patch, limits_dn),
-        "non_uniform": finite & (trend_variance > seen * noise_variance + rounding**2),
+        "non_uniform": finite & (trend_variance > tolerated * noise_variance + rounding**2),
         "noiseless": std == 0,
         "too_few_pixels": torch.full_like(finite, count < FEWEST_PIXELS),
         "not_finite": ~finite,
@@ -78,10 +84,14 @@ class PatchContrast(NamedTuple):
 def patch_contrast(bright: Tensor, dark: Tensor) -> PatchContrast:
     """Michelson contrast and contrast-to-noise ratio of two patches (..., H, W) of any sizes, of two pixels or more.
 
-    Neither clipping nor shading is tested: :func:`patch_snr` does that. Intervals: normal, with the means' and
+    Clipping and shading are not tested; see :func:`patch_snr`. Intervals: normal, with the means' and
     variances' sampling errors carried through to first order. Flags: "noiseless", both variances are 0, so cnr is
     infinite or NaN without interval; of michelson "near_black", a mean is less than three of its own standard errors
     above black.
+
+    >>> dark = 100 + torch.randn(40, 40, generator=torch.Generator().manual_seed(0))
+    >>> round(float(patch_contrast(3 * dark, dark).michelson.value), 3)
+    0.5
     """
     a, b = _pixels(bright=bright, dark=dark)
     n_a, n_b = a.shape[-1], b.shape[-1]
@@ -116,6 +126,10 @@ def detection_probability(
     Flags: "noiseless", both patches are constant (often: saturated); "too_few_pixels", below 30 in a patch.
     Source: M. Geese, U. Seger, A. Paolillo 2018, "Detection Probabilities: Performance Prediction for Sensors of
     Autonomous Vehicles".
+
+    >>> dark, bright = torch.full((8, 8), 10.0), torch.linspace(10, 30, 64).reshape(8, 8)
+    >>> round(float(detection_probability(bright, dark, nominal=1.0, tolerance=0.5).value), 2)
+    0.5
     """
     middle = checks.in_range("nominal", nominal, -1.0, LIMITS["contrast"].high)
     tolerance = limited("tolerance", tolerance, "contrast")
@@ -146,6 +160,10 @@ def psnr(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
 
     picture, reference: (B, C, H, W), of one shape. data_range: white minus black, in their units. Differentiable,
     like :func:`ssim`; NaN for a picture with NaN. Both raise ``ValueError`` if the values span more than the range.
+
+    >>> grey = torch.full((1, 1, 16, 16), 0.5)
+    >>> psnr(grey, grey + 0.1, data_range=1.0)
+    tensor([20.0000], dtype=torch.float64)
     """
     a, b, peak = _checked(picture, reference, data_range)
     return torch.stack([kornia.metrics.psnr(one, other, peak) for one, other in zip(a, b, strict=True)])
@@ -155,6 +173,10 @@ def ssim(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
     """Structural similarity ``kornia.metrics.ssim``, (B,), 1 for equal pictures, mean over pixels and channels.
 
     K1 = 0.01, K2 = 0.03. The whole window must lie inside the picture, so its sides must be at least 11 px.
+
+    >>> grey = torch.full((1, 1, 16, 16), 0.5)
+    >>> ssim(grey, grey, data_range=1.0)
+    tensor([1.], dtype=torch.float64)
     """
     a, b, peak = _checked(picture, reference, data_range)
     if min(a.shape[-2:]) < SSIM_WINDOW_PX:

@@ -12,7 +12,7 @@ from typing import Any
 from blurnoise_eval import cli
 from blurnoise_eval.cli import COMMANDS
 from blurnoise_eval.plan.files import PlanFile, ProgramFile, SceneFile
-from blurnoise_eval.plan.settings import Setting
+from blurnoise_eval.plan.settings import SettingInfo
 from mkdocs.structure.files import File, Files
 
 
@@ -84,7 +84,7 @@ def _files() -> str:
     return "\n".join([*lines, ""])
 
 
-def _setting(setting: Setting) -> str:
+def _setting(setting: SettingInfo) -> str:
     default = "" if setting.default in (None, ()) else f"`{setting.default}`"
     return f"| `{setting.name}` | {default} | {_cell(setting.about)} |"
 

@@ -25,13 +25,13 @@ from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.scene import Scene
 from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target
-from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.objects import ObjectSettings
 
 _NEAR_PX = 32  # between windows that are cheaper apart than as one
 
 
 class CutOut(NamedTuple):
-    """A cut picture. targets: the index of each layer's target; speeds: of the layers, as of ``Objects``."""
+    """A cut picture. targets: the index of each layer's target; speeds: of the layers, as of ``ObjectSettings``."""
 
     cut: Cut
     targets: tuple[int, ...]
@@ -44,7 +44,7 @@ def check_labelled(pictures: PictureSet, setting: str, otherwise: str) -> None:
         raise ValueError(f"{setting}: needs labelled targets (labels) or rendered signs; {otherwise}")
 
 
-def check_cut(pictures: PictureSet, objects: Objects) -> None:
+def check_cut(pictures: PictureSet, objects: ObjectSettings) -> None:
     """Raise ``ValueError`` if the pictures have no labels, or if no target has a class that ``objects`` names."""
     check_labelled(pictures, "moves = targets or background", "pictures without labels allow only all")
     known = {target.label for picture in pictures for target in picture.targets or ()}
@@ -53,7 +53,7 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
 
 
 def cut_out(
-    picture: Picture, light: Tensor, objects: Objects, scale: float = 1.0, emitters: float = 1.0
+    picture: Picture, light: Tensor, objects: ObjectSettings, scale: float = 1.0, emitters: float = 1.0
 ) -> CutOut:
     """Cut the visible targets of a picture out of its light (1, C, H, W), back to front.
 
@@ -97,7 +97,9 @@ def target_mask(picture: Picture, size: tuple[int, int]) -> Matte:
     return np.asarray(np.max(mattes, axis=0), np.float32) if mattes else np.zeros(size, np.float32)
 
 
-def _need_layers(back_to_front: Sequence[int], targets: Sequence[Target], objects: Objects) -> list[int]:
+def _need_layers(
+    back_to_front: Sequence[int], targets: Sequence[Target], objects: ObjectSettings
+) -> list[int]:
     """Targets that need a layer: moving ones, those in front of one, and those that overlap one. The others are
     background."""
     moving = [index for index in back_to_front if objects.speed_of(targets[index].label)]

@@ -1,10 +1,10 @@
 """The axes of a sweep in one table, from which options, limits, columns, file names, captions and pages follow.
 
-Domain: values in SI units and the units in the names; an option's numbers times ``per_option``. An axis that is not
-specified has the camera's value (``own``). A new axis is an entry of ``AXES``. Nothing heavy is imported above, as
-the command line's help is made from the table.
+Values are in SI units, with the unit in the name; options and files have the option's unit, ``per_option`` SI units
+each. An axis that is not specified has the camera's value. A new axis is an entry of ``AXES``.
 
-The defaults are those of :mod:`blurnoise._core.usual`, from which trainings draw too.
+Nothing heavy is imported above, because the command line's help is made from the table. The defaults are those of
+:mod:`blurnoise._core.usual`, from which trainings draw, too.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ AUTOMATIC = math.inf
 
 
 def number(text: str | float, *, automatic: bool = False) -> float:
-    """A number; "auto", where that is allowed, is ``AUTOMATIC``, which no number is. Raises ``ValueError``."""
+    """A finite number, or ``AUTOMATIC`` for "auto" where that is allowed. Raises ``ValueError``."""
     if automatic and isinstance(text, str) and text.strip() == "auto":
         return AUTOMATIC
     try:
@@ -48,15 +48,18 @@ def bounds(text: str) -> tuple[float, float]:
 def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
     """Parse "1,5,10", "start:stop:step" or "low:high"; "auto" where that is allowed. Raises ``ValueError``.
 
-    low:high: both ends and what of 1, 3, 10, 30 ... lies between, from two decades below the high end where the low
-    one is 0.
+    low:high gives both ends, and those of 1, 3, 10, 30 ... that lie between. Where the low end is 0, these begin two
+    decades below the high end.
+
+    >>> numbers("1:10:3"), numbers("2:50")
+    ((1.0, 4.0, 7.0, 10.0), (2.0, 3.0, 10.0, 30.0, 50.0))
     """
     try:
         if ":" not in text:
             return tuple(number(part, automatic=automatic) for part in text.split(","))
         if text.count(":") == 2:
             start, stop, step = map(float, text.split(":"))
-            count = math.floor((stop - start) / step + 1e-9) + 1
+            count = math.floor((stop - start) / step + 1e-9) + 1  # 0:1:0.1 ends at 1, in spite of rounding
             if not 0 < count <= 10**5:
                 raise ValueError
             return tuple(start + step * index for index in range(count))
@@ -79,17 +82,21 @@ def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
 class Axis:
     """One quantity that a sweep can vary.
 
-    name: of the column, SI unit in it. into: the field of :class:`blurnoise.Exposure` it sets, or of its camera
-    ("camera.f_number"). option: of the command line, in the unit of the option, ``per_option`` of the column's
-    unit each. low, high: what is allowed, in the column's unit; positive: low itself is not. own: the camera's
-    value, where none is specified. default: the values of a sweep; empty: the camera's. default_names: what each of
-    these stands for.
-    automatic: it may be left to the camera, as ``AUTOMATIC``. caption: with a {} for the number, of so many digits;
-    slugs: the same for names of files.
-    logarithmic: how it is drawn. fails: more of it is worse, so a curve over it has a point at which it fails for
-    good. choices: of an axis of names; its values are their places, 0, 1, ..., and names in options and files;
-    captions: of these. without: axes that have no default where this one is specified. span: usual values, in the
-    option's unit, from where to where a slider goes; None: around the camera's own value.
+    name: the column's, with its SI unit. into: the field of :class:`blurnoise.Exposure` that it sets, or of its
+    camera ("camera.f_number"). option: the option's name; its unit is ``per_option`` of the column's. about: a line
+    for help, files and the guide. title, unit: for figures and tables, in the option's unit. low, high: the limits,
+    in the column's unit; positive: low itself is not allowed. caption: with {} for the number, of at most so many
+    digits; slugs: the same in names of files.
+
+    own: the camera's value. default: the values of a sweep; none: the camera's. default_names: a name for each of
+    these. automatic: the camera may set it itself, see ``AUTOMATIC``. without: axes that lose their default where
+    this one is specified. choices: the names of an axis of names; its values are their indices, 0, 1, ..., but
+    files and options have the names; captions: of the choices. fails: more of it is worse, so that from some value
+    on a model fails for good. logarithmic: how it is drawn. span: the ends of a slider, in the option's unit; None:
+    around the camera's value.
+
+    >>> axis("exposure_s").values("1,10"), axis("exposure_s").text(0.0125)
+    ((0.001, 0.01), '12.5 ms')
     """
 
     name: str
@@ -121,10 +128,10 @@ class Axis:
 
         Raises ``ValueError`` for none, or for one outside the limits.
         """
-        kept = tuple(sorted({self._one(value) for value in values}))
-        if not kept:
+        distinct = tuple(sorted({self._one(value) for value in values}))
+        if not distinct:
             raise ValueError(f"{self.name}: must hold at least one value")
-        return kept
+        return distinct
 
     def _one(self, value: float | str) -> float:
         from blurnoise._core.checks import in_range  # late: options of the command line are made from here
@@ -132,14 +139,15 @@ class Axis:
         if self.automatic and value in ("auto", AUTOMATIC):
             return AUTOMATIC
         if self.choices:
-            return self.place_of(value)
+            return self.choice_index(value)
+        # + 0.0 makes 0.0 of -0.0, whose repr would be another in the cells' ids
         return in_range(self.name, value, self.low, self.high, above=self.positive) + 0.0  # type: ignore[arg-type]
 
-    def place_of(self, choice: float | str) -> float:
-        """A choice's place, by its name or as it is. Raises ``ValueError`` that lists the choices."""
-        for place, name in enumerate(self.choices):
-            if choice in (name, place):
-                return float(place)
+    def choice_index(self, choice: float | str) -> float:
+        """The index of a choice, given by its name or index. Raises ``ValueError`` that lists the choices."""
+        for index, name in enumerate(self.choices):
+            if choice in (name, index):
+                return float(index)
         raise ValueError(f"{self.name} = {choice!r}: must be one of {', '.join(self.choices)}")
 
     @property
@@ -152,31 +160,31 @@ class Axis:
         """The default as it is typed."""
         return ",".join(map(self.typed, self.default))
 
-    def values(self, stated: float | str | Iterable[float | str]) -> tuple[float, ...]:
-        """Values of an option or a file, in the option's unit, :meth:`checked` and in the column's.
+    def values(self, given: float | str | Iterable[float | str]) -> tuple[float, ...]:
+        """Values of an option or a file, :meth:`checked` and in the column's unit.
 
-        Raises ``ValueError``, for a value outside the limits in the option's name and unit.
+        Raises ``ValueError``; for a value outside the limits, in the option's name and unit.
         """
         from blurnoise._core.checks import OutOfRange
 
         try:
-            return self.checked(self._read(stated))
+            return self.checked(self._read(given))
         except OutOfRange as error:
             numbers: Any = error.value, error.low, error.high
-            value, low, high = (float(f"{self.shown(each):.12g}") for each in numbers)
+            value, low, high = (float(f"{self.shown(number):.12g}") for number in numbers)
             raise OutOfRange(self.key, value, low, high, error.above) from None
 
-    def _read(self, stated: float | str | Iterable[float | str]) -> list[float]:
-        if isinstance(stated, str) and self.choices:
-            return [self.place_of(part.strip()) for part in stated.split(",")]
-        if isinstance(stated, str):
-            return [self.of_option(value) for value in numbers(stated, automatic=self.automatic)]
-        if isinstance(stated, list | tuple):
-            return [value for each in stated for value in self._read(each)]
-        return [self.of_option(number(stated))]  # type: ignore[arg-type]  # anything else of a file is refused
+    def _read(self, given: float | str | Iterable[float | str]) -> list[float]:
+        if isinstance(given, str) and self.choices:
+            return [self.choice_index(part.strip()) for part in given.split(",")]
+        if isinstance(given, str):
+            return [self.of_option(value) for value in numbers(given, automatic=self.automatic)]
+        if isinstance(given, list | tuple):
+            return [value for part in given for value in self._read(part)]
+        return [self.of_option(number(given))]  # type: ignore[arg-type]  # anything else of a file is refused
 
     def of_option(self, value: float) -> float:
-        """The option's number in the column's unit; 45 ms is the number nearest to 0.045 s, by division."""
+        """The option's number in the column's unit. By division, 45 ms is the float nearest to 0.045 s."""
         return value * self.per_option if self.per_option >= 1 else value / round(1 / self.per_option, 9)
 
     def shown(self, value: float) -> float:
@@ -205,7 +213,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """Something to draw against that follows from the axes; ``of`` takes a row of a table."""
+    """A quantity to draw against that follows from the axes; ``of`` computes it from a row of a table."""
 
     name: str
     title: str
@@ -216,12 +224,12 @@ class Coordinate:
 
 
 def milliseconds(exposure_s: float, digits: int = 3) -> str:
-    """'2.5': so many digits of ms."""
+    """An exposure in ms, with at most so many digits: '2.5'."""
     return _positional(1e3 * exposure_s, digits)
 
 
 def _positional(value: float, digits: int) -> str:
-    """Never in powers of ten."""
+    """A number without a power of ten."""
     import numpy as np
 
     return np.format_float_positional(value, digits, fractional=False, trim="-")
@@ -291,9 +299,9 @@ VELOCITY = ("velocity_x_px_s", "velocity_y_px_s")
 CORE: Mapping[str, float | None] = {"exposure_s": None, "illuminance_lux": None} | dict.fromkeys(
     VELOCITY, 0.0
 )
-"""Axes on which every condition has a value of its own: what it is if nobody states it (None: it must be stated)."""
+"""Axes on which every condition has a value: the default, or None where it must be specified."""
 FURTHER: tuple[str, ...] = tuple(name for name in NAMES if name not in CORE)
-"""The other axes: where nobody states them, they stand where the camera has them."""
+"""The other axes: where they are not specified, the camera's value holds."""
 CHOICES: Mapping[str, tuple[str, ...]] = {axis.name: axis.choices for axis in AXES if axis.choices}
 """The axes of names."""
 SETTING: tuple[str, ...] = tuple(name for name in NAMES if name not in ("exposure_s", *VELOCITY))
@@ -302,10 +310,10 @@ SETTING: tuple[str, ...] = tuple(name for name in NAMES if name not in ("exposur
 
 def axis(name: str) -> Axis:
     """The axis of this name. Raises ``ValueError`` that lists the names."""
-    for each in AXES:
-        if each.name == name:
-            return each
-    raise ValueError(f"axis = {name!r}: must be one of {', '.join(each.name for each in AXES)}")
+    for axis in AXES:
+        if axis.name == name:
+            return axis
+    raise ValueError(f"axis = {name!r}: must be one of {', '.join(NAMES)}")
 
 
 def named(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -324,7 +332,7 @@ def velocity_of(row: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def blur_px(row: Mapping[str, Any]) -> float:
-    """Length of a row's motion during the exposure, px; 0 of a camera that drives, before which places differ."""
+    """Length of a row's motion blur, px. 0 with ego-motion, where each part of the picture has its own."""
     import numpy as np
 
     return float(np.hypot(row["velocity_x_px_s"], row["velocity_y_px_s"]) * row["exposure_s"])

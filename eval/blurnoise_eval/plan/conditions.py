@@ -1,7 +1,7 @@
-"""What a sweep computes, as plain descriptors: conditions, their grid, and cells.
+"""Conditions of a sweep, and its cells: one picture under one condition.
 
-A cell (picture, repeat, conditions, seed) says all that a worker needs. Conditions of one picture and repeat
-share their seed, so they see the same noise field and differ by physics, not by luck (common random numbers).
+A cell (picture, repeat, conditions, seed) is all that a worker needs. Conditions of one picture and repeat share
+their seed: they have the same noise field and differ by physics, not by luck (common random numbers).
 """
 
 from __future__ import annotations
@@ -29,32 +29,37 @@ if TYPE_CHECKING:
     from blurnoise.scene.exposure import Exposure
 
 DIFFRACTION_UM = 0.55
-"""Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""
-_STAND_INS: Mapping[str, float] = {"exposure_s": 1e-3, "gain_db": 0.0}
-_PLACE = {name: place for place, name in enumerate(NAMES)}
-_LENS = tuple(each.name for each in AXES if each.into.startswith("camera."))
+"""Wavelength of the diffraction at a specified f-number, for cameras without one: green, the eye's peak."""
+_STAND_INS: Mapping[str, float] = {"exposure_s": 1e-3, "gain_db": 0.0}  # until the picture is metered
+_INDEX = {name: index for index, name in enumerate(NAMES)}
+_LENS = tuple(axis.name for axis in AXES if axis.into.startswith("camera."))
 
 
 class Conditions(Mapping[str, float | None]):
-    """A value on every axis of ``AXES``; None: where the camera has it. Immutable and hashable.
+    """A value on every axis of ``AXES``; None: the camera's. Immutable and hashable.
 
-    Conditions(exposure_s=0.01, illuminance_lux=50.0): velocities are 0 unless stated. Raises ``ValueError`` for
-    an axis that is unknown, or that must be stated and is not.
+    Velocities are 0 by default. Raises ``ValueError`` for an unknown axis, or without exposure and illuminance.
+
+    >>> at = Conditions(exposure_s=0.01, illuminance_lux=50, velocity_x_px_s=300)
+    >>> at.blur_px, at["gain_db"]
+    (3.0, None)
+    >>> at
+    Conditions(exposure_s=0.01, illuminance_lux=50.0, velocity_x_px_s=300.0, velocity_y_px_s=0.0)
     """
 
     __slots__ = ("_values",)
 
-    def __init__(self, **stated: float | None) -> None:
-        for name in stated:
+    def __init__(self, **given: float | None) -> None:
+        for name in given:
             axis(name)
-        values = {name: CORE.get(name) if stated.get(name) is None else stated[name] for name in NAMES}
+        values = {name: CORE.get(name) if given.get(name) is None else given[name] for name in NAMES}
         missing = [name for name in CORE if values[name] is None]
         if missing:
             raise ValueError(f"{missing[0]}: must be specified")
         self._values = tuple(None if value is None else float(value) + 0.0 for value in values.values())
 
     def __getitem__(self, name: str) -> float | None:
-        return self._values[_PLACE[name]]
+        return self._values[_INDEX[name]]
 
     def __iter__(self) -> Iterator[str]:
         return iter(NAMES)
@@ -69,62 +74,64 @@ class Conditions(Mapping[str, float | None]):
         return hash(self._values)
 
     def __repr__(self) -> str:
-        """What is stated; ids of cells are made of it, so that it never changes."""
-        return f"Conditions({', '.join(f'{name}={value!r}' for name, value in self.stated.items())})"
+        """The specified values. The ids of cells are made of this text, so it must never change."""
+        return f"Conditions({', '.join(f'{name}={value!r}' for name, value in self.specified.items())})"
 
     @property
-    def stated(self) -> dict[str, float]:
-        """The values that are not the camera's own."""
+    def specified(self) -> dict[str, float]:
+        """The values that are not left to the camera's figures."""
         values = zip(NAMES, self._values, strict=True)
         return {name: value for name, value in values if value is not None}
 
     @property
     def exposure_s(self) -> float:
         """Exposure time."""
-        return self.stated["exposure_s"]
+        return self.specified["exposure_s"]
 
     @property
     def illuminance_lux(self) -> float:
         """Light on the scene."""
-        return self.stated["illuminance_lux"]
+        return self.specified["illuminance_lux"]
 
     @property
     def displacement_px(self) -> tuple[float, float]:
-        """Motion during the exposure, px, in single precision as :func:`blurnoise.simulate` computes it; during a
-        second where the camera sets the exposure."""
+        """Motion during the exposure (during a second where the camera sets it), px: x right, y down.
+
+        In single precision, as :func:`blurnoise.simulate` computes it.
+        """
         import numpy as np
 
         exposure_s = np.float32(1.0 if self.exposure_s == AUTOMATIC else self.exposure_s)
-        x, y = (float(np.float32(v) * exposure_s) for v in velocity_of(self.stated))
+        x, y = (float(np.float32(v) * exposure_s) for v in velocity_of(self.specified))
         return x, y
 
     @property
     def blur_px(self) -> float:
-        """Length of the motion blur, px, where the exposure is stated."""
-        return blur_px(self.stated)
+        """Length of the motion blur, px; infinite where the camera sets the exposure."""
+        return blur_px(self.specified)
 
     @property
     def blurs_as(self) -> tuple[tuple[float, float], tuple[float | None, ...]]:
-        """Motion, what moves, and lens: conditions of which these are equal can share one blurred picture."""
+        """Motion, moving part and lens: conditions with equal ones can share one blurred picture."""
         return self.displacement_px, (self["moves"], self[EGO.name], *(self[name] for name in _LENS))
 
     def on(self, camera: Camera) -> dict[str, float]:
-        """The actual number of every axis, the camera's own where none is stated: the columns of tables."""
+        """The value on every axis, the camera's where none is specified: the columns of tables."""
         return {
-            each.name: each.own(camera) if value is None else value
-            for each, value in zip(AXES, self._values, strict=True)
+            axis.name: axis.own(camera) if value is None else value
+            for axis, value in zip(AXES, self._values, strict=True)
         }
 
     @property
     def automatic(self) -> frozenset[str]:
         """The axes on which the camera sets the value itself."""
-        return frozenset(name for name, value in self.stated.items() if value == AUTOMATIC)
+        return frozenset(name for name, value in self.specified.items() if value == AUTOMATIC)
 
     def exposure(self, camera: Camera, seed: int = 0, *, vehicle: Vehicle | None = None) -> Exposure:
-        """The simulator's exposure: ``camera`` with the lens that is specified, and everything else beside it.
+        """The simulator's exposure, with ``camera`` changed where the conditions specify its lens.
 
-        Axes that are left to the camera have stand-ins, 0 dB and 1 ms. vehicle: which drives at the ego speed, by
-        default the usual one.
+        Automatic gain and exposure are 0 dB and 1 ms here, until the picture is metered. vehicle: the one that drives
+        at the ego speed, by default the usual one.
         """
         from blurnoise.motion.ego import USUAL_VEHICLE
         from blurnoise.scene.exposure import Exposure
@@ -134,20 +141,20 @@ class Conditions(Mapping[str, float | None]):
         for each, value in zip(AXES, self._values, strict=True):
             if value is None:
                 continue
-            place, _, part = each.into.partition(".")
+            field, _, part = each.into.partition(".")
             value = _STAND_INS[each.name] if each.automatic and value == AUTOMATIC else value
             if each.choices:
-                fields[place] = each.choices[int(value)]
-            elif place == "camera":
+                fields[field] = each.choices[int(value)]
+            elif field == "camera":
                 lens[part] = value
-            else:  # components stand in order in AXES
-                fields[place] = (*fields.get(place, ()), value) if part else value
+            else:  # components of a vector are in order in AXES
+                fields[field] = (*fields.get(field, ()), value) if part else value
         return Exposure(with_lens(camera, **lens), **fields, seed=seed, vehicle=vehicle or USUAL_VEHICLE)
 
 
 @lru_cache(maxsize=256)
 def with_lens(camera: Camera, **figures: float) -> Camera:
-    """The camera with other figures of its lens; a stated ``f_number`` brings diffraction, not light alone."""
+    """The camera with other figures of its lens. A specified ``f_number`` changes diffraction, not only the light."""
     if "f_number" in figures and camera.lens.diffraction_wavelength_um == 0:
         figures["diffraction_wavelength_um"] = DIFFRACTION_UM
     return camera.with_figures(**figures) if figures else camera
@@ -155,7 +162,11 @@ def with_lens(camera: Camera, **figures: float) -> Camera:
 
 @dataclass(frozen=True)
 class Cell:
-    """One picture under one condition; None: the original picture."""
+    """One picture under one condition; without conditions, the original picture.
+
+    >>> Cell("a.png", 0, None, seed=7).cell_id == Cell("a.png", 0, None, seed=8).cell_id
+    True
+    """
 
     image: str
     repeat: int
@@ -164,19 +175,19 @@ class Cell:
 
     @cached_property
     def cell_id(self) -> str:
-        """A name made of everything that sets the cell apart within its run."""
+        """A hash of all that distinguishes the cell from the others of its run."""
         text = repr((self.image, self.repeat, self.conditions))
         return hashlib.blake2b(text.encode(), digest_size=10).hexdigest()
 
 
 def cell_seed(base_seed: int, image: str, repeat: int) -> int:
-    """The seed of a picture's noise field: a hash, so that neither order nor number of pictures matters."""
+    """The seed of a picture's noise field: a hash of its name, so that it depends on no other picture."""
     digest = hashlib.blake2b(repr((base_seed, image, repeat)).encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") >> 1
 
 
 def reflectance_text(anchor: str | None, setting: str) -> str:
-    """How a plan relates the brightness of photographs to reflectance, in half a line. setting: of the anchor."""
+    """How the brightness of photographs relates to reflectance, in half a line. setting: the anchor's, as typed."""
     from blurnoise.scene.metering import GreyAnchor
 
     if anchor is None:

@@ -1,6 +1,6 @@
-"""Lamps of a plan's pictures: targets that are brighter than the picture has them, and pulsed lamps (PWM).
+"""Lamps of a plan's pictures: targets that emit light, and pulsed lamps (PWM).
 
-Domain: light as a multiple of the picture's; Hz; phases in periods, as :mod:`blurnoise.light.lamp` has them.
+Light is a multiple of the picture's; frequencies are in Hz; phases in periods, 0 to 1 (:mod:`blurnoise.light.lamp`).
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from blurnoise.light.lamp import Pwm
 
 TARGETS = "targets"
-"""The targets of every picture: the place of lamps, as scenes have a mask's file."""
+"""The lamps are the targets of every picture; a scene has a mask's file here."""
 RANDOM = "random"
 
 
 def phases_of(given: Any) -> tuple[float, ...]:
-    """Phases of a file: "random", none, or numbers as axes have them. Raises ``ValueError``."""
+    """Phases from "random" (none), or from numbers as axes have them. Raises ``ValueError``."""
     if isinstance(given, str) and given == RANDOM:
         return ()
     try:
-        every = given if isinstance(given, list | tuple) else [given]
-        return tuple(value for one in every for value in numbers(str(one)))
+        parts = given if isinstance(given, list | tuple) else [given]
+        return tuple(value for part in parts for value in numbers(str(part)))
     except ValueError as error:
         raise ValueError(f"{error}, or {RANDOM}") from None
 
@@ -40,9 +40,13 @@ Phases = Annotated[tuple[float, ...], BeforeValidator(phases_of)]
 class Lamps(Settings):
     """Lamps of every picture. Raises ``ValueError`` naming the setting.
 
-    emitters: "targets:FACTOR", so many times brighter. pwm: "HZ,DUTY[,PHASE]". pwm_mask: "targets" for pulses that
-    light these alone; None: they light the whole scene. pwm_phase: where in its period the lamp is when an exposure
-    begins, a value for each repeat in turn; none: at random, by the seed of the cell, as scenes have it.
+    emitters: "targets:FACTOR", so many times brighter. pwm: "HZ,DUTY[,PHASE]". pwm_mask: "targets" for a pulsed lamp
+    that lights only these; None: it lights the whole scene. pwm_phase: the phase of the lamp when an exposure begins,
+    for each repeat in turn; none: drawn with the seed of the cell.
+
+    >>> lamps = Lamps(pwm="90,0.1", pwm_phase=(0.0, 0.5))
+    >>> lamps.pulses(repeat=3, seed=0)
+    Pwm(frequency_hz=90.0, duty=0.1, phase=0.5)
     """
 
     emitters: Text | None = setting(
@@ -77,26 +81,26 @@ class Lamps(Settings):
 
     @cached_property
     def factor(self) -> float:
-        """By which targets are brighter than in the picture."""
+        """How many times brighter targets are than in the picture."""
         return 1.0 if self.emitters is None else emitters_of(self.emitters)[1]
 
     @cached_property
     def phases(self) -> tuple[float, ...]:
-        """Those of the repeats in turn; none where they are random."""
+        """The phases of the repeats in turn; none where they are random."""
         if self.pwm is None:
             return ()
-        lamp, stated = pwm_of(self.pwm)
-        if stated and self.pwm_phase:
+        lamp, has_phase = pwm_of(self.pwm)
+        if has_phase and self.pwm_phase:
             raise ValueError(f"pwm = {self.pwm!r}: has a phase; must not be combined with pwm_phase")
-        return (lamp.phase,) if stated else self.pwm_phase
+        return (lamp.phase,) if has_phase else self.pwm_phase
 
     @property
     def on_targets(self) -> bool:
-        """Whether it needs to know where targets are."""
+        """Whether the pictures need labelled targets."""
         return TARGETS in (self.pwm_mask, *(self.emitters or "").split(":"))
 
     def pulses(self, repeat: int, seed: int) -> Pwm | None:
-        """The pulses of a cell; None without."""
+        """The pulsed lamp of a cell; None without one."""
         if self.pwm is None:
             return None
         from blurnoise.light.lamp import Pwm
@@ -108,7 +112,7 @@ class Lamps(Settings):
 
 
 def pwm_of(text: str) -> tuple[Pwm, bool]:
-    """The lamp of "HZ,DUTY[,PHASE]", and whether it has a phase. Raises ``ValueError`` for another text."""
+    """The lamp of "HZ,DUTY[,PHASE]", and whether the text has a phase. Raises ``ValueError``."""
     from blurnoise.light.lamp import Pwm
 
     try:
@@ -124,7 +128,7 @@ def pwm_of(text: str) -> tuple[Pwm, bool]:
 
 
 def emitters_of(text: str) -> tuple[str, float]:
-    """Place and factor of "WHERE:FACTOR". Raises ``ValueError`` for another text."""
+    """The lamps (targets, or a mask's file) and the factor of "WHERE:FACTOR". Raises ``ValueError``."""
     from blurnoise._core.checks import in_range
 
     where, _, factor = text.rpartition(":")

@@ -12,13 +12,13 @@ from blurnoise._core.checks import Figure, check_fields
 
 
 @dataclass(frozen=True)
-class Objects:
+class ObjectSettings:
     """How objects move where not all of a picture does. Raises ``ValueError``.
 
     speeds: by class, a multiple of the velocity on the axes ``--dx`` and ``--dy``; 0: it stands. boxes: "object",
     where objects are at mid-exposure, or "swept", all that they pass.
 
-    >>> Objects(speeds={"person": 0.3}).speed_of("car")
+    >>> ObjectSettings(speeds={"person": 0.3}).speed_of("car")
     1.0
     """
 
@@ -38,4 +38,4 @@ class Objects:
         return {name: value for name, value in asdict(self).items() if value != usual[name]}
 
 
-USUAL_OBJECTS = Objects()
+USUAL_OBJECTS = ObjectSettings()

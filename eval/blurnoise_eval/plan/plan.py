@@ -31,20 +31,20 @@ from blurnoise_eval.plan.axes import (
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.lamps import Lamps
 from blurnoise_eval.plan.reading import anchor_of, tone_of, trajectory_of
-from blurnoise_eval.plan.settings import Setting, Settings, late, nested, setting
+from blurnoise_eval.plan.settings import SettingInfo, Settings, late, nested, setting
 
 if TYPE_CHECKING:
     from blurnoise.camera.colour import PictureTone
     from blurnoise.motion.ego import Vehicle
     from blurnoise.scene.metering import AutoExposure
-    from blurnoise_eval.plan.objects import Objects
+    from blurnoise_eval.plan.objects import ObjectSettings
     from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
     Anchor = str
 else:
     Vehicle = late("blurnoise.motion.ego", "Vehicle")
     AutoExposure = late("blurnoise.scene.metering", "AutoExposure")
-    Objects = late("blurnoise_eval.plan.objects", "Objects")
+    ObjectSettings = late("blurnoise_eval.plan.objects", "ObjectSettings")
     PictureTone = Annotated[Any, BeforeValidator(tone_of)]
     Anchor = Annotated[Any, BeforeValidator(anchor_of)]
     TrajectorySpec = Annotated[Any, BeforeValidator(trajectory_of)]
@@ -111,12 +111,12 @@ class ExposureSettings(Settings):
             object.__setattr__(self, "auto_exposure", USUAL)
 
     @classmethod
-    def _settings(cls) -> Iterator[Setting]:
+    def _settings(cls) -> Iterator[SettingInfo]:
         for each in cls.AXES:
             names = f": {', '.join(each.default_names)}" if each.default_names else ""
             default = f" (default: {each.default_text}{names})" if each.default else ""
             metavar = f"auto|{cls.METAVAR}" if each.automatic else "|".join(each.choices) or cls.METAVAR
-            yield Setting(each.key, str, None, f"{each.about}{default}", metavar, cls.PANEL)
+            yield SettingInfo(each.key, str, None, f"{each.about}{default}", metavar, cls.PANEL)
         yield from super()._settings()
 
     @classmethod
@@ -171,7 +171,7 @@ class SweepPlan(ExposureSettings):
     """
 
     repeats: int = setting(1, "number of repeats with other noise (default: 1; 2 for charts)")
-    objects: Objects = setting(None, "speeds and boxes of objects, where targets or background move")
+    objects: ObjectSettings = setting(None, "speeds and boxes of objects, where targets or background move")
     lamps: Lamps | None = nested(Lamps, optional=True)
     examples: bool = True
     only: tuple[Conditions, ...] = ()

@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_ori
 from pydantic import BeforeValidator, ValidationInfo
 
 
-class Setting(NamedTuple):
+class SettingInfo(NamedTuple):
     """A setting as files and options have it. kind: int, float, a tuple of texts, or anything else; default: None
     where it follows from others.
 
@@ -42,7 +42,7 @@ class Setting(NamedTuple):
 
 
 def setting(default: Any, about: str, metavar: str = "", *, names: tuple[str, ...] = ()) -> Any:
-    """A field of :class:`Settings`, see :class:`Setting`."""
+    """A field of :class:`Settings`, see :class:`SettingInfo`."""
     return field(default=default, metadata={"about": about, "metavar": metavar, "names": names})
 
 
@@ -121,18 +121,18 @@ class Settings:
         check_fields(self, frozenset(entry.name for entry in fields(self) if not entry.metadata))
 
     @classmethod
-    def settings(cls) -> dict[str, Setting]:
+    def settings(cls) -> dict[str, SettingInfo]:
         """Every setting by its name in files, those of nested records included."""
         return {each.name: each for each in cls._settings()}
 
     @classmethod
-    def _settings(cls) -> Iterator[Setting]:
+    def _settings(cls) -> Iterator[SettingInfo]:
         hints = get_type_hints(cls, include_extras=True)
         for entry in fields(cls):
             if kind := entry.metadata.get("nested"):
                 yield from kind.settings().values()
             elif entry.metadata:
-                yield Setting(entry.name, _plain_type(hints[entry.name]), entry.default, **entry.metadata)
+                yield SettingInfo(entry.name, _plain_type(hints[entry.name]), entry.default, **entry.metadata)
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:

@@ -47,7 +47,7 @@ class Batch:
 
 def note_batch(store: Store, batch: Batch) -> None:
     """Add a batch to those of the run."""
-    noted = {**vars(batch), "conditions": [at.stated for at in batch.conditions]}
+    noted = {**vars(batch), "conditions": [at.specified for at in batch.conditions]}
     store.set_about(BATCHES, [*(store.about(BATCHES) or ()), noted])
 
 

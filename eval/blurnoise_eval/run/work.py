@@ -216,7 +216,7 @@ def cell_result(
     with a pulsed lamp."""
     cell, at, taken = frame.cell, frame.cell.conditions, frame.exposure
     conditions = ORIGINAL if at is None else AxisValues.of(at.on(camera))
-    moved_px = blur_px({**at.stated, "exposure_s": taken.exposure_s}) if at and taken else None
+    moved_px = blur_px({**at.specified, "exposure_s": taken.exposure_s}) if at and taken else None
     key = cell.cell_id, model, camera.name, cell.image, cell.repeat, conditions
     blurs_px = [moved_px] * len(sight.targets)
     if taken is not None and taken.drives and sight.targets:

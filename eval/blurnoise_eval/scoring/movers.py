@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from blurnoise.light import effects
 from blurnoise.scene.exposure import Exposure
-from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.plan.objects import USUAL_OBJECTS, ObjectSettings
 from blurnoise_eval.scoring.boxes import MoveBoxes, swept_within
 
 BoxesIn = Callable[[torch.Tensor, tuple[int, int] | None], torch.Tensor]
 
 
-def box_mover(exposure: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes | None:
+def box_mover(exposure: Exposure, objects: ObjectSettings = USUAL_OBJECTS) -> MoveBoxes | None:
     """Takes a scene's boxes (N, 4) to the truth in the picture: where they are at mid-exposure, or all that they pass
     within it; None: they stay."""
     moves = any(exposure.velocity_px_s) or exposure.drives or exposure.trajectory is not None
@@ -25,13 +25,13 @@ def box_mover(exposure: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes
     return _mover(lambda of: of.move_boxes, exposure, objects) if effects.displace(exposure.camera) else None
 
 
-def box_sweeper(exposure: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes:
+def box_sweeper(exposure: Exposure, objects: ObjectSettings = USUAL_OBJECTS) -> MoveBoxes:
     """Takes a scene's boxes (N, 4) to what they cover in the course of the exposure, beyond the picture too."""
     return _mover(lambda of: of.sweep_boxes, exposure, objects)
 
 
 def _mover(
-    how: Callable[[Exposure], BoxesIn], exposure: Exposure, objects: Objects, within: bool = False
+    how: Callable[[Exposure], BoxesIn], exposure: Exposure, objects: ObjectSettings, within: bool = False
 ) -> MoveBoxes:
     """within: not beyond the picture's border."""
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from blurnoise_eval.datasets import Picture, Target, cut_out, rendered_signs, rendered_texts
 from blurnoise_eval.datasets.cut_outs import CutScene
-from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.objects import ObjectSettings
 
 from blurnoise import Camera, charts, expose_layers
 from blurnoise.blur.layers import Layer
@@ -37,14 +37,14 @@ def box(x0, y0, x1, y1, **more):
 
 
 def found(picture, **how):
-    return cut_out(picture, light(image()), Objects(**how))
+    return cut_out(picture, light(image()), ObjectSettings(**how))
 
 
 @pytest.mark.parametrize("rendered", [rendered_signs, rendered_texts])
 def test_rendered_signs_and_what_is_behind_them_make_the_picture(rendered):
     for picture in list(rendered((64, 40), count=4)):
         seen = picture.load()
-        told = cut_out(picture, light(seen), Objects(), scale=1.0)
+        told = cut_out(picture, light(seen), ObjectSettings(), scale=1.0)
         again = expose_layers(told.cut.background, told.cut.layers, exposure_s=0.0)
         assert (again - light(seen)).abs().max() < 0.0046  # half a code of 8 bits is at most so much light
         assert told.targets == (0, 1)
@@ -92,7 +92,7 @@ def test_who_is_behind_shows_nothing_of_who_is_in_front():
     seen[15:45, 10:50], seen[20:55, 30:60] = 120, 230
     car, person = box(10, 15, 50, 45), box(30, 20, 60, 55, label="person")
     for speeds, rear in (({"car": 0.5}, 120), ({}, 230)):  # those that move alike never come apart
-        how = Objects(speeds=speeds)
+        how = ObjectSettings(speeds=speeds)
         behind, front = cut_out(made(car, person), light(seen), how).cut.layers
         level = float(light(np.full((1, 1, 3), rear, np.uint8))[0, 0, 0, 0])
         torch.testing.assert_close(behind.light[:, 6:, 21:], torch.full((3, 24, 19), level))

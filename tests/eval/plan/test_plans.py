@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, number, numbers
 from blurnoise_eval.plan.conditions import Cell, Conditions
-from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.objects import ObjectSettings
 from blurnoise_eval.plan.plan import SweepPlan
 from plans import IMX250, plan
 from plans import plan as swept
@@ -137,7 +137,7 @@ FIELDS: list[tuple[Any, str]] = [
     ({"repeats": 0}, "repeats = 0"),
     *(({"seed": seed}, "seed = ") for seed in (10**400, -1, 1.5, "1", None)),
     ({"vehicle": Vehicle()}, "vehicle: needs ego_speed_m_s"),
-    ({"objects": Objects(speeds={"car": 2.0})}, "speeds: .* moves = targets"),
+    ({"objects": ObjectSettings(speeds={"car": 2.0})}, "speeds: .* moves = targets"),
     *(
         ({"trajectory": text}, text.partition(":")[0])
         for text in ("shake", "shake:x", "shake:1,2", "sine:3", "sine:3,80,1,1", "shake:-2", "sine:3,0")

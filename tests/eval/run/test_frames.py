@@ -7,7 +7,7 @@ import pytest
 import torch
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.plan.conditions import Cell, Conditions
-from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.objects import ObjectSettings
 from blurnoise_eval.run.exposing import PictureScene, frames, snr_db
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from commands import main, stated
@@ -103,7 +103,7 @@ def test_frames_are_simulates_of_the_vehicles_flow():
     image = noise(*SIZE)
     for speed in (0.0, 20.0):
         at = Conditions(exposure_s=0.02, illuminance_lux=100.0, ego_speed_m_s=speed)
-        plan = SweepPlan({name: (value,) for name, value in at.stated.items()}, vehicle=VEHICLE)
+        plan = SweepPlan({name: (value,) for name, value in at.specified.items()}, vehicle=VEHICLE)
         frame = frame_of(image, at, plan=plan)
         flow = VEHICLE.flow_px_s(CAMERA, SIZE, speed)
         same = simulated(image, CAMERA, 3, exposure_s=0.02, illuminance_lux=100.0, velocity_px_s=flow)
@@ -125,8 +125,8 @@ def taken(moves, right_px_s=0.0):
 @pytest.mark.parametrize(
     ("objects", "labels", "moves", "lengths"),
     [
-        (Objects(speeds={"slow": 0.5}), ("fast", "slow"), "targets", (30.0, 15.0)),
-        (Objects(speeds={"slow": 0.5}), ("fast", "slow"), "background", (0.0, 15.0)),
+        (ObjectSettings(speeds={"slow": 0.5}), ("fast", "slow"), "targets", (30.0, 15.0)),
+        (ObjectSettings(speeds={"slow": 0.5}), ("fast", "slow"), "background", (0.0, 15.0)),
     ],
 )
 def test_boxes_sweep_what_their_own_class_does(objects, labels, moves, lengths):
@@ -136,7 +136,7 @@ def test_boxes_sweep_what_their_own_class_does(objects, labels, moves, lengths):
 
 def test_the_truth_is_the_box_that_is_asked_for():
     def truth(boxes, moves, right_px_s):
-        mover = box_mover(taken(moves, right_px_s), Objects(boxes=boxes))
+        mover = box_mover(taken(moves, right_px_s), ObjectSettings(boxes=boxes))
         return None if mover is None else mover(BOXES, SIZES, ["a", "a"])
 
     assert truth("object", "targets", 3000.0) is None
@@ -145,9 +145,24 @@ def test_the_truth_is_the_box_that_is_asked_for():
     )
 
 
+def test_a_picture_without_targets_is_background(detector, tmp_path):
+    empty = picture("empty", labels=())
+    plan = swept((0.01,), (300.0,), (0.0, 1600.0), moves=(0.0, 1.0, 2.0))
+    run = evaluate([detector], picture_set(picture("a"), empty), CAMERA, plan, output=tmp_path / "run")
+    cell_at = {
+        (row["moves"], row["velocity_x_px_s"]): row["cell_id"]
+        for row in run.cells
+        if row["image"] == "empty" and not row["clean"]
+    }
+    moved, still = run.simulate(cell_at["all", 1600.0]), run.simulate(cell_at["all", 0.0])
+    np.testing.assert_array_equal(run.simulate(cell_at["background", 1600.0]), moved)
+    np.testing.assert_array_equal(run.simulate(cell_at["targets", 1600.0]), still)
+    assert (moved != still).any()
+
+
 def test_rows_say_each_targets_own_blur(detector, tmp_path):
     grid = swept((0.01,), (300.0,), (1600.0,), moves=(0.0, 1.0)).grid
-    plan = SweepPlan(grid, objects=Objects(speeds={"stop sign": 2.0}))
+    plan = SweepPlan(grid, objects=ObjectSettings(speeds={"stop sign": 2.0}))
     run = evaluate([detector], picture_set(picture("a")), CAMERA, plan, output=tmp_path / "run")
     rows = {row["moves"]: row for row in run.targets}
     assert (rows["all"]["blur_px"], rows["targets"]["blur_px"]) == pytest.approx((16, 32))

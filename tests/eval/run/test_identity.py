@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.datasets import Picture, PictureSet, Target, image_folder, write_picture
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.objects import ObjectSettings
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run import identity
 from blurnoise_eval.run.computing import compute
@@ -28,7 +28,7 @@ from blurnoise.scene.metering import AutoExposure
 
 SMALL = swept((0.004,), (33.3,), (0.0, 333.3), examples=False)
 GRID = {"exposure_s": (0.005,), "illuminance_lux": (50.0,), "velocity_x_px_s": (100.0,)}
-CUTTING = SweepPlan({**GRID, "moves": ("targets",)}, objects=Objects())
+CUTTING = SweepPlan({**GRID, "moves": ("targets",)}, objects=ObjectSettings())
 OUTLINE = {"segmentation": [[20.0, 20.0, 60.0, 20.0, 20.0, 60.0]]}
 TARGET = Target("stop sign", "signs", (20.0, 20.0, 60.0, 60.0), annotation=OUTLINE)
 CHANGED = {
@@ -160,7 +160,9 @@ NODES = SweepPlan({"gain_db": (6.0,)}, repeats=2, direction=(0.6, 0.8))
     "plan",
     [
         replace(PLAN, repeats=3, seed=7, grey_anchor="mean", examples=False, trajectory="shake:6"),
-        replace(MOVED, auto_exposure=AutoExposure(target=0.3), objects=Objects(speeds={"stop sign": 0.5})),
+        replace(
+            MOVED, auto_exposure=AutoExposure(target=0.3), objects=ObjectSettings(speeds={"stop sign": 0.5})
+        ),
         replace(swept((0.01,), (50.0,), ego_speed_m_s=(20.0,)), vehicle=Vehicle(height_m=2.0)),
         NODES,
     ],
