@@ -68,7 +68,7 @@ def scaled(curves: Any, by: float, only: str = "") -> Any:
     0.6
     """
     if isinstance(curves, FilterCurves):
-        filters = curves.stated()
+        filters = curves.items()
         return FilterCurves(**{name: scaled(x, by) if only in ("", name) else x for name, x in filters})
     values = curves.values if isinstance(curves, Curve) else (curves,)
     if by * max(values) > 1:
