@@ -27,7 +27,8 @@ from blurnoise.scene.metering import AutoExposure
 from blurnoise.training.arrays import CHANNELS, Array, expose_numpy
 from blurnoise.training.augmentation import OverConditions
 from blurnoise.training.labels import boxes_after, keypoints_after, of_targets, pixels_after
-from blurnoise.training.ranges import Cameras, ExposureRanges, ExposureSource
+from blurnoise.training.ranges import ExposureRanges
+from blurnoise.training.source import Cameras, ExposureSource
 from blurnoise.training.table import ConditionRow, ExposureTable
 
 try:

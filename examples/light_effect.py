@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from blurnoise import Camera, develop, plan, simulate
+from blurnoise import Camera, Exposure, develop, plan, simulate
 from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
 
@@ -37,5 +37,5 @@ effects.EFFECTS += (VeilingGlare(),)
 after = develop(simulate(picture, camera, **conditions, generator=[1]), camera)
 
 print(f"black road, 0 to 1: {before[..., 80:, :].mean():.3f}, with glare {after[..., 80:, :].mean():.3f}")
-budget = {part.name: part.contribution_dn for part in plan(camera, **conditions).stages}
+budget = {part.name: part.contribution_dn for part in plan(Exposure(camera, **conditions)).stages}
 print(f"in the error budget: {budget['veiling glare']:.0f} DN at most")

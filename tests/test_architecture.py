@@ -30,7 +30,6 @@ LONGEST_LINES = 450
 MOST_PARAMETERS = 10
 WITH_MORE_PARAMETERS = {
     "blurnoise.scene.simulate.simulate",  # a keyword for each condition, for those who know no record yet
-    "blurnoise.scene.plan.plan",
 }
 """Functions that may have more; commands may, too: their parameters are the arguments and options of the command."""
 

@@ -87,26 +87,63 @@ class Resolved(Generic[Number]):
         Every number is one for all or (B,); velocity_px_s (2,) or (B, 2), or of each pixel (2, H, W) or
         (B, 2, H, W); trajectory: one for all or one, or None, for each. Raises ``ValueError`` naming the argument.
         """
-        batch, size = len(image), (image.shape[-2], image.shape[-1])
+        batch = len(image)
+        return Resolved.of_checked(
+            image,
+            camera,
+            limited_per_image("exposure_s", exposure_s, batch, image),
+            limited_per_image("illuminance_lux", illuminance_lux, batch, image),
+            limited_per_image("temperature_c", temperature_c, batch, image),
+            velocities(velocity_px_s, image),
+            per_picture(trajectory, batch),
+            illuminant,
+            objects=objects,
+        )
+
+    @staticmethod
+    def of_checked(
+        image: Tensor,
+        camera: Camera,
+        exposure_s: Tensor,
+        illuminance_lux: Tensor,
+        temperature_c: Tensor,
+        velocity_px_s: Tensor,
+        paths: tuple[Trajectory | None, ...],
+        illuminant: str | Curve,
+        **scene: Any,
+    ) -> Resolved[Tensor]:
+        """:meth:`of` numbers (B,) and velocities that are within their limits, each with its own picture.
+
+        scene: the fields objects, lamps, lamp_mask, windows_s and shift.
+        """
+        size = image.shape[-2], image.shape[-1]
         if camera.sensor.cfa not in PLANES and min(size) < 2:
             must = f"behind cfa = {camera.sensor.cfa!r} must be at least 2 x 2"
             raise ValueError(f"image: {size[1]} x {size[0]} px; {must}")
-        exposure = limited_per_image("exposure_s", exposure_s, batch, image)
-        lux = limited_per_image("illuminance_lux", illuminance_lux, batch, image)
-        temperature = limited_per_image("temperature_c", temperature_c, batch, image)
+        exposure, lux, temperature = (
+            numbers.to(image) for numbers in (exposure_s, illuminance_lux, temperature_c)
+        )
         white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
-        velocity = velocities(velocity_px_s, image)
-        by_flow = velocity.ndim > 2
-        moved = velocity * exposure.view(-1, *[1] * (velocity.ndim - 1))
+        by_flow = velocity_px_s.ndim > 2
+        moved = velocity_px_s * exposure.view(-1, *[1] * (velocity_px_s.ndim - 1))
         limited_motion("displacement_px: velocity times exposure", moved)
         middle, variation = middle_of(moved) if by_flow else (moved, 0.0)
-        paths = per_picture(trajectory, batch)
         for path, lasting_s in zip(paths, exposure.tolist(), strict=False):
             if path is not None:
                 path.origin_px(lasting_s)  # raises unless it holds the exposure
-        flow = moved if by_flow else None
-        numbers = exposure, temperature, white_e, middle
-        return Resolved(camera, *numbers, illuminant, size, paths, objects, flow, variation)
+        return Resolved(
+            camera,
+            exposure,
+            temperature,
+            white_e,
+            middle,
+            illuminant,
+            size,
+            paths,
+            flow_px=moved if by_flow else None,
+            variation_px=variation,
+            **scene,
+        )
 
     @property
     def dark_e(self) -> Number:

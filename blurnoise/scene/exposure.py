@@ -88,7 +88,7 @@ class Exposure(Generic[Number]):
         an_instance("vehicle", self.vehicle, Vehicle)
         if not isinstance(self.gain_db, AutoExposure):
             _ = self.amplified  # whose gain has limits of its own
-        for seed in self.seed if isinstance(self.seed, list | tuple) else [self.seed]:
+        for seed in self.seed if self.batched else [self.seed]:
             integer("seed", seed, 0, rng.LAST_SEED)
         if not self.batched:
             self._check_one()
@@ -118,8 +118,8 @@ class Exposure(Generic[Number]):
 
     @property
     def batched(self) -> bool:
-        """Whether the values describe a batch."""
-        return isinstance(self.exposure_s, Tensor)
+        """Whether the values describe a batch: each picture has a seed of its own."""
+        return isinstance(self.seed, list | tuple)
 
     @property
     def automatic_time(self) -> bool:

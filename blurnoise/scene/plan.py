@@ -11,20 +11,23 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Any
 
-from blurnoise._core.checks import an_instance, limited, picture_size, real_tensor, shown
-from blurnoise.blur.layers import ObjectMotion
+import torch
+
+from blurnoise._core.checks import an_instance, limited
 from blurnoise.camera import Camera, radiometry
 from blurnoise.camera.captures import factors
-from blurnoise.camera.radiometry import photoelectrons
-from blurnoise.camera.spectra import Curve
 from blurnoise.light import effects
+from blurnoise.light.capture import LATER_CAPTURE
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.light.resolved import Number, Resolved
-from blurnoise.motion.trajectory import Trajectory
 from blurnoise.picture.fusion import readers, saturations_e
 from blurnoise.picture.steps import FUSION
+from blurnoise.scene.captures import captures_of_exposure
+from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.scene import Scene, brightest
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
 
@@ -68,52 +71,50 @@ class Plan:
 
 
 def plan(
-    camera: Camera,
+    exposure: Exposure[Any],
+    scene: Scene | None = None,
     *,
-    exposure_s: float,
-    illuminance_lux: float,
-    displacement_px: tuple[float, float] = (0.0, 0.0),
-    variation_px: float = 0.0,
-    trajectory: Trajectory | None = None,
-    temperature_c: float = 25.0,
-    illuminant: str | Curve = "D55",
     tolerance_dn: float = TOLERANCE_DN,
-    objects: tuple[ObjectMotion, ...] = (),
-    size: tuple[int, int] | None = None,
 ) -> Plan:
     """Keep the smallest set of effects and stages whose omissions stay within ``tolerance_dn`` (> 0), DN RMS.
 
     Effects and stages are omitted by their contribution, smallest first, as long as the root of the sum of squares is
-    within the tolerance. Noise stays where its absence would make rounding cost more.
-    displacement_px: uniform motion in addition to the trajectory. variation_px: largest difference of a pixel's
-    motion from it, 0.484 white RMS per px if one blur serves all pixels. objects: displacement and share of the
-    picture of each (:func:`blurnoise.blur.layers.object_motion`); they are always modelled. size: (H, W) of the
-    picture, by default the sensor's, to which ``how`` refers. The other arguments are those of
-    :func:`blurnoise.simulate`, for one picture. Raises ``ValueError`` naming the argument.
+    within the tolerance. Noise stays where its absence would make rounding cost more. The plan is that of the first
+    frame of a scene, by default a white picture of the sensor's size; of several captures it is that of the first
+    one, the motion since then that of the last one. Raises ``ValueError`` naming the argument.
+
+    >>> from blurnoise import Camera, Exposure
+    >>> needed = plan(Exposure(Camera.preset("imx250"), 0.01, 50.0, velocity_px_s=(400.0, 0.0)))
+    >>> [stage.name for stage in needed.stages if stage.kept]
+    ['motion', 'spectral integration', 'shot noise', 'read noise', 'quantisation']
     """
+    an_instance("exposure", exposure, Exposure)
     tolerance_dn = limited("tolerance_dn", tolerance_dn)
-    temperature = limited("temperature_c", temperature_c)
-    white_e = photoelectrons(camera, illuminance_lux, exposure_s, illuminant)
-    white_e *= radiometry.peak(camera, illuminant)
-    moved = real_tensor("displacement_px", displacement_px)
-    if moved.shape != (2,):
-        raise ValueError(f"displacement_px = {shown(displacement_px)}: must be two numbers (x, y)")
-    x, y = (limited("displacement_px", along) for along in moved.tolist())
-    varies = limited("variation_px", variation_px)
-    if trajectory is not None:
-        an_instance("trajectory", trajectory, Trajectory)
-    paths = (trajectory,) if trajectory else ()
-    if not isinstance(objects, tuple) or not all(isinstance(each, ObjectMotion) for each in objects):
-        raise TypeError(f"objects = {shown(objects)}: must be a tuple of blurnoise.blur.layers.ObjectMotion")
-    size = None if size is None else picture_size("size", size)
-    one = float(exposure_s), temperature, white_e, (x, y)
-    at = Resolved(camera, *one, illuminant, size, paths, objects, variation_px=varies)
-    return plan_at(at, tolerance_dn)
+    camera, _ = exposure.amplified
+    if scene is None:
+        scene = Scene(torch.ones(1, 1, 1, 1, dtype=torch.float64).expand(1, 1, *camera.field.size))
+    an_instance("scene", scene, Scene)
+    batch = len(scene.light)
+    plans = []
+    for at, _ in captures_of_exposure(scene, exposure, camera, batch):
+        light, at = effects.scene_at(scene.light, at, border=scene.border)
+        whitest = scene.brightest if light is scene.light else brightest(light, at.layers)
+        white = whitest[0] * radiometry.peak(at.camera, scene.illuminant)
+        plans.append((at, plan_at(next(at.each()), tolerance_dn, white)))
+    (at, first), (_, last) = plans[0], plans[-1]
+    if len(plans) == 1:
+        return first
+    moved = LATER_CAPTURE.name  # by the last capture everything has moved farthest
+    stages = [
+        later if later.name == moved else now for now, later in zip(first.stages, last.stages, strict=True)
+    ]
+    return replace(first, stages=(*stages, _of_fusion(camera, float(at.white_e[0]))))
 
 
-def plan_at(at: Resolved[float], tolerance_dn: float = TOLERANCE_DN) -> Plan:
-    """:func:`plan` under conditions."""
-    return _plan(at, tolerance_dn, effects.EFFECTS, stages.STAGES)
+def plan_at(at: Resolved[float], tolerance_dn: float = TOLERANCE_DN, brightest: float = 1.0) -> Plan:
+    """:func:`plan` of a frame whose brightest surface has so much light."""
+    lit = at if brightest == 1.0 else replace(at, white_e=at.white_e * brightest)
+    return _plan(lit, tolerance_dn, effects.EFFECTS, stages.STAGES)
 
 
 @lru_cache(maxsize=1024)
@@ -154,7 +155,7 @@ def _plan(
     return Plan(contributions, reduced, frozenset(left_out - stay - {shot}), noisy, total, tolerance_dn)
 
 
-def of_fusion(camera: Camera, white_e: float) -> Contribution:
+def _of_fusion(camera: Camera, white_e: float) -> Contribution:
     """The fusion of several captures, which is never omitted: the light of white that the first capture clips."""
     first, captures = readers(camera)[0], camera.sensor.captures
     beyond_dn = within_range_dn(first, max(0.0, white_e - first.sensor.saturation_e))

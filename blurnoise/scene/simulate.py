@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import Border
-from blurnoise._core.checks import Numbers, an_instance, limited_per_image
+from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.threads import same_bits
 from blurnoise.blur.layers import Layers
 from blurnoise.camera import Camera
@@ -90,15 +91,14 @@ def simulate(
         border=border,
         illuminant=illuminant,
     )
-    batch = len(image)
-    exposure = Exposure(
+    exposure: Exposure[Any] = Exposure(
         camera,
-        limited_per_image("exposure_s", exposure_s, batch, image),
-        limited_per_image("illuminance_lux", illuminance_lux, batch, image),
+        exposure_s,
+        illuminance_lux,
         velocity_px_s=velocity_px_s,
-        temperature_c=limited_per_image("temperature_c", temperature_c, batch, image),
+        temperature_c=temperature_c,
         trajectory=trajectory,
-        seed=rng.item_seeds(generator, batch),
+        seed=rng.item_seeds(generator, len(image)),
     )
     options = TakeOptions(
         wanted=("raw",),

@@ -9,8 +9,8 @@ exposure, which read the same electrons.
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterable, Iterator
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Literal, cast
 
@@ -23,21 +23,17 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise._core.checks import an_instance, in_range, integer, limited, limited_per_image, one_of
 from blurnoise._core.threads import differentiable, no_torch_compile, same_bits
-from blurnoise.blur.layers import Layer
 from blurnoise.camera import Camera, radiometry
-from blurnoise.camera.captures import windows
 from blurnoise.camera.colour import Encoding
 from blurnoise.light import effects
-from blurnoise.light.capture import LATER_CAPTURE
-from blurnoise.light.lamp import per_picture as lamp_per_picture
-from blurnoise.light.resolved import Resolved, Shift, velocities
-from blurnoise.motion.trajectory import Trajectory, per_picture
+from blurnoise.light.resolved import Resolved
 from blurnoise.picture.develop import develop, develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.picture.steps import magnification
+from blurnoise.scene.captures import captures_of_exposure
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import mean_luma
-from blurnoise.scene.plan import TOLERANCE_DN, Plan, of_fusion, plan_at
+from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan_at
 from blurnoise.scene.scene import Scene, brightest
 from blurnoise.sensor.readout import Fidelity, ReadoutOptions, digitised
 
@@ -175,25 +171,6 @@ def _each_taken(scene: Scene, exposures: Iterable[Exposure[float]], options: Tak
             yield Frames(exposure, raw, frames.picture[one], frames.eight_bit[one], simulate_ms)
 
 
-def plan_of(scene: Scene, exposure: Exposure[Any], options: TakeOptions = USUAL) -> Plan:
-    """The parts of the first frame that are modelled or omitted, and why: of its first capture, and the fusion."""
-    camera, _ = exposure.amplified
-    plans = []
-    for at, _ in _captures(scene, exposure, camera, len(scene.light)):
-        light, at = effects.scene_at(scene.light, at, border=scene.border)
-        white = brightest(light, at.layers)[0] * radiometry.peak(at.camera, scene.illuminant)
-        plans.append((at, _plan(next(at.each()), white, options.tolerance_dn)))
-    (at, first), (_, last) = plans[0], plans[-1]
-    if len(plans) == 1:
-        return first
-    moved = LATER_CAPTURE.name  # of the last capture, which has moved farthest
-    stages = [
-        theirs if theirs.name == moved else ours
-        for ours, theirs in zip(first.stages, last.stages, strict=True)
-    ]
-    return replace(first, stages=(*stages, of_fusion(camera, float(at.white_e[0]))))
-
-
 def _reads_alike(exposure: Exposure[float]) -> Hashable:
     """Equal for exposures that differ in light, time and temperature alone, and move equally far."""
     moved = tuple(speed * exposure.exposure_s for speed in exposure.velocity_px_s)
@@ -221,7 +198,7 @@ def _taken(
 
     raw = [
         _capture(scene, at, seeds, options, tolerance_dn, tones, shared)
-        for at, seeds in _captures(scene, exposure, camera, batch)
+        for at, seeds in captures_of_exposure(scene, exposure, camera, batch)
     ]
 
     channels = scene.light.shape[1]
@@ -240,95 +217,6 @@ def _taken(
         eight_bit = develop_8bit(dn, reader, **lit_by)
         eight_bit = in_channels(eight_bit, max(channels, eight_bit.shape[1]))
     return Frames(exposure, tuple(raw) if "raw" in options.wanted else (), picture, eight_bit)
-
-
-def _captures(
-    scene: Scene, exposure: Exposure[Any], camera: Camera, batch: int
-) -> Iterator[tuple[Resolved[Tensor], list[int]]]:
-    """The conditions of every capture, and the seeds of its noise."""
-    light = scene.light.expand(batch, -1, -1, -1)
-    like = torch.empty(0, dtype=torch.float64)  # times are compared and added up
-    exposure_s = limited_per_image("exposure_s", exposure.exposure_s, batch, like)
-    lux = limited_per_image("illuminance_lux", exposure.illuminance_lux, batch, like)
-    captures = captures_of(camera)
-    windows_s = [windows(captures, duration_s) for duration_s in exposure_s.tolist()]
-    velocity = velocities(_background_velocity(scene, exposure), light)
-    paths, lamps = per_picture(exposure.trajectory, batch), lamp_per_picture(exposure.lamp, batch)
-    lamp_mask = None if scene.lamp_mask is None else scene.lamp_mask.expand(batch, -1, -1)
-    layers = _layers(scene, exposure, batch)
-    seeds = rng.item_seeds(exposure.seed, batch)
-    for number, (capture, reader) in enumerate(zip(captures, readers(camera), strict=True)):
-        windows_now_s = tuple(of_picture[number] for of_picture in windows_s)
-        # From the middle of the first capture's exposure to the middle of this one's.
-        later_s = [
-            start_s + duration_s / 2 - of_picture[0][1] / 2
-            for of_picture, (start_s, duration_s) in zip(windows_s, windows_now_s, strict=True)
-        ]
-        at = Resolved.of(
-            light,
-            reader,
-            exposure_s=exposure_s * captures[0].exposure_ratio / capture.exposure_ratio,
-            illuminance_lux=lux * capture.sensitivity,
-            velocity_px_s=velocity,
-            temperature_c=exposure.temperature_c,
-            illuminant=scene.illuminant,
-            trajectory=[path and path.later(by_s) for path, by_s in zip(paths, later_s, strict=False)]
-            or None,
-            objects=layers,
-        )
-        at = replace(at, lamps=lamps, lamp_mask=lamp_mask if lamps else None, windows_s=windows_now_s)
-        if number:
-            at = replace(at, shift=_shift(velocity, paths, windows_s, number, later_s))
-        # Two gains on one exposure read the same electrons: their noise is drawn from the same stream.
-        streams = [of_picture.index(of_picture[number]) for of_picture in windows_s]
-        streams = [one if captures[one].sensitivity == capture.sensitivity else number for one in streams]
-        yield (
-            at,
-            [
-                rng.derived(seed, f"capture {stream}") if stream else seed
-                for seed, stream in zip(seeds, streams, strict=True)
-            ],
-        )
-
-
-def _background_velocity(scene: Scene, exposure: Exposure[Any]) -> Any:
-    """Velocity of the pictures, px/s, or of each of their pixels where the camera's vehicle drives."""
-    if exposure.drives:
-        return exposure.vehicle.flow_px_s(exposure.camera, scene.size, exposure.ego_speed_m_s)
-    return (0.0, 0.0) if exposure.moves == "targets" else exposure.velocity_px_s
-
-
-def _layers(scene: Scene, exposure: Exposure[Any], batch: int) -> tuple[tuple[Layer, ...], ...]:
-    """The layers of every frame; those of targets with the velocity that the exposure gives them."""
-    every = scene.per_picture * (batch if len(scene.light) == 1 else 1)
-    if not any(layer.speed is not None for layers in every for layer in layers):
-        if exposure.moves != "all":
-            raise ValueError(f"moves = {exposure.moves!r}: must be 'all' of a scene without cut-out targets")
-        return every
-    return tuple(
-        tuple(replace(layer, velocity_px_s=one.velocity_of(layer), speed=None) for layer in layers)
-        for one, layers in zip(exposure.each(batch), every, strict=True)
-    )
-
-
-def _shift(
-    velocity: Tensor,
-    paths: Sequence[Trajectory | None],
-    windows_s: Sequence[Sequence[tuple[float, float]]],
-    number: int,
-    later_s: Sequence[float],
-) -> Shift:
-    """How far everything has moved from the middle of the first capture to the middle of capture ``number``."""
-    later = velocity.new_tensor(later_s)
-    along_path = velocity.new_zeros(len(velocity), 2)
-    for item, path in enumerate(paths):
-        if path is not None:
-            (_, first_s), (_, duration_s) = windows_s[item][0], windows_s[item][number]
-            x, y = path.later(later_s[item]).origin_px(duration_s)
-            was_x, was_y = path.origin_px(first_s)
-            along_path[item] = along_path.new_tensor([x - was_x, y - was_y])
-    sizes = [1] * (velocity.ndim - 2)
-    return Shift(later, along_path, velocity * later.view(-1, 1, *sizes) + along_path.view(-1, 2, *sizes))
 
 
 @same_bits
@@ -355,7 +243,7 @@ def _capture(
     everything = options.fidelity == "full" or _differentiable(light, at)
     for item, one in enumerate(at.each()):
         white = whites[item] * radiometry.peak(at.camera, scene.illuminant)
-        plan = Plan((), at.camera) if everything else _plan(one, white, tolerance_dn)
+        plan = Plan((), at.camera) if everything else plan_at(one, tolerance_dn, white)
         light_key = bool(one.objects) if shared is None else effects.key(plan.reduced(one), plan.without)
         alike.setdefault((plan, light_key), (plan, []))[1].append(item)
 
@@ -418,12 +306,6 @@ def _differentiable(light: Tensor, at: Resolved[Tensor]) -> bool:
     moved = torch.as_tensor(at.displacement_px) if at.flow_px is None else at.flow_px
     numbers = differentiable(light, at.exposure_s, at.white_e, moved, at.temperature_c)
     return numbers or any(layer.requires_grad for layers in at.layers for layer in layers)
-
-
-def _plan(one: Resolved[float], brightest: float, tolerance_dn: float) -> Plan:
-    """The plan of a frame whose brightest surface has this much light."""
-    lit = one if brightest == 1.0 else replace(one, white_e=one.white_e * brightest)
-    return plan_at(lit, tolerance_dn)
 
 
 def _fixed_pattern(

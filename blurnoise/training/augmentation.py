@@ -36,13 +36,8 @@ from blurnoise.training.labels import (
     of_targets,
 )
 from blurnoise.training.pictures import expose_pictures
-from blurnoise.training.ranges import (
-    Cameras,
-    ExposureRanges,
-    ExposureSource,
-    Params,
-    Range,
-)
+from blurnoise.training.ranges import ExposureRanges
+from blurnoise.training.source import Cameras, ExposureSource, Params, Range
 from blurnoise.training.table import ExposureTable
 
 _FAR = [[False, False], [True, False], [True, True], [False, True]]

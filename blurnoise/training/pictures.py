@@ -27,7 +27,7 @@ from blurnoise.scene.metering import AutoExposure, mean_luma
 from blurnoise.scene.scene import Scene, extremes, scene_reflectance
 from blurnoise.scene.take import TakeOptions, take
 from blurnoise.sensor.readout import Fidelity
-from blurnoise.training.ranges import Lights
+from blurnoise.training.source import Lights
 
 _ROUNDING = 1 / 255  # as far as halves and 8 bits round below black
 _OVERSHOOT = 0.25  # of an interpolation by splines

@@ -1,20 +1,15 @@
-"""Ranges of the conditions of training pictures, and the exposure that is drawn from them for each picture.
-
-Convention: conditions follow from uniform values in [0, 1), so that each library draws these by its own generator;
-directions run counter-clockwise as displayed, 0 to the right.
-"""
+"""Ranges of the conditions of training pictures, from which an exposure is drawn for each picture."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from numbers import Real
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -25,119 +20,26 @@ from blurnoise._core.checks import DRAWN_FROM, LIMITS, an_instance, dense, limit
 from blurnoise.camera import Camera
 from blurnoise.camera.captures import windows
 from blurnoise.camera.radiometry import electrons_per_lux_s
-from blurnoise.light.lamp import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
-from blurnoise.motion.trajectory import LONGEST_SHAKE, Trajectory, path_duration_s, shake
+from blurnoise.motion.trajectory import LONGEST_SHAKE, path_duration_s
 from blurnoise.picture.fusion import amplified, readers
-from blurnoise.scene.exposure import MOVES, Exposure, Moves
+from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.metering import AutoExposure
+from blurnoise.training.source import (
+    DRAWN,
+    LAMP,
+    Cameras,
+    ExposureSource,
+    Gain,
+    Lights,
+    Params,
+    Range,
+    cameras_of,
+)
 
-Range = float | Sequence[float]
-"""A number, or the bounds (low, high) to draw between."""
-Cameras = Camera | str | Sequence[Camera | str]
-Params = dict[str, Tensor]
-Gain = Range | Literal["auto"] | AutoExposure
-"""dB, or what auto-exposure sets."""
-Lights = Literal["all", "targets"]
 _LONGEST_USUAL_S = 1.0  # a longer exposure was probably meant in milliseconds: there is a warning
-DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
-"""Conditions that are drawn for every picture."""
-LAMP = ("lamp_hz", "lamp_duty", "lamp_phase")
-"""Conditions of pictures with a lamp."""
-_OF_EACH = (
-    *DRAWN, *LAMP, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "shake_px", "noise_seed",
-)  # fmt: skip
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
-"""Ranges, and the one of these that each replaces."""
-
-
-class ExposureSource(ABC):
-    """A source of exposures for training pictures: :class:`ExposureRanges`, or a table of conditions.
-
-    gain_db: of pictures for which none is drawn. vehicle: drives at the ``ego_kmh`` that are drawn. lamp_lights: what
-    a pulsed lamp lights.
-    """
-
-    vehicle: Vehicle = USUAL_VEHICLE
-    camera: Cameras
-    gain_db: Gain
-    moves: Moves | Sequence[Moves]
-    lamp_lights: Lights = "all"
-
-    @property
-    def uses_masks(self) -> bool:
-        """Whether masks change the pictures."""
-        return self.moves != ("all",) or self.lamp_lights == "targets"
-
-    @property
-    def cameras(self) -> tuple[Camera, ...]:
-        """The cameras to choose from."""
-        return cameras_of(self.camera)
-
-    @property
-    @abstractmethod
-    def draws(self) -> int:
-        """Number of uniform values drawn for the conditions of one picture."""
-
-    @abstractmethod
-    def conditions(self, uniform: Tensor) -> Params:
-        """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each.
-
-        ``DRAWN``, and where they are drawn ``gain_db``, ``gain_auto``, ``shake_px``, ``ego_kmh``, ``lamp_hz``,
-        ``lamp_duty`` and ``lamp_phase``; int64 indices of the cameras, ``camera_index``, and of moves,
-        ``moves_index``.
-        """
-
-    def exposures(
-        self,
-        params: Params,
-        items: Sequence[int] | None = None,
-        seeds: Sequence[int] | None = None,
-        dtype: torch.dtype = torch.float64,
-    ) -> list[Exposure]:
-        """The exposure of each picture, or of the pictures ``items``, under drawn conditions.
-
-        params: those of :meth:`conditions`, and ``noise_seed`` where shakes are drawn. seeds: of the noise; 0 for
-        labels, which do not depend on it. dtype: of the pictures, in which velocities are computed.
-        """
-        chosen = list(range(len(params["camera_index"])) if items is None else items)
-        drawn = {name: value[chosen] for name, value in params.items() if name in _OF_EACH}
-        drawn = {
-            name: value.to(dtype) if value.is_floating_point() else value for name, value in drawn.items()
-        }
-        velocities = velocity_px_s(drawn["speed_px_s"], drawn["direction_deg"]).tolist()
-        columns = {name: drawn[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c")}
-        known = self.cameras
-        cameras = [known[index] for index in drawn["camera_index"].tolist()]
-        columns |= {
-            "camera": cameras,
-            "velocity_px_s": list(map(tuple, velocities)),
-            "gain_db": self._gains(drawn, len(chosen)),
-            "seed": list(seeds or [0] * len(chosen)),
-            "trajectory": _shakes(drawn, cameras),
-        }
-        if "moves_index" in drawn:
-            columns["moves"] = [self.moves[index] for index in drawn["moves_index"].tolist()]
-        if "ego_kmh" in drawn:
-            columns["ego_speed_m_s"] = (drawn["ego_kmh"] / 3.6).tolist()
-            columns["vehicle"] = [self.vehicle] * len(chosen)
-        if "lamp_hz" in drawn:
-            columns["lamp"] = [
-                Pwm(*row) for row in zip(*(drawn[name].tolist() for name in LAMP), strict=True)
-            ]
-        return [
-            Exposure(**dict(zip(columns, values, strict=True)))
-            for values in zip(*columns.values(), strict=True)
-        ]
-
-    def _gains(self, drawn: Params, count: int) -> list[float | AutoExposure]:
-        """The gain of each picture: drawn, or else that of the source, a number or an auto-exposure."""
-        fallback: Any = self.gain_db
-        if "gain_db" not in drawn:
-            return [fallback] * count
-        gains = drawn["gain_db"].tolist()
-        automatic = drawn["gain_auto"].tolist() if "gain_auto" in drawn else [False] * count
-        return [fallback if auto else gain for auto, gain in zip(automatic, gains, strict=True)]
+"""Ranges, and the one of ``DRAWN`` that each replaces."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +99,9 @@ class ExposureRanges(ExposureSource):
             if getattr(self, name) is not None or name not in (*_INSTEAD, "lamp_hz"):
                 checked[name] = bounds(name, getattr(self, name))
         vars(self).update(checked)
-        check_vehicle(self.vehicle, drives=self.ego_kmh is not None)
+        an_instance("vehicle", self.vehicle, Vehicle)
+        if self.ego_kmh is None and self.vehicle != USUAL_VEHICLE:
+            raise ValueError("vehicle: needs ego_kmh, its speed")
         one_of("lamp_lights", self.lamp_lights, ("all", "targets"))
         for camera, exposure_s in product(cameras, checked["exposure_s"]):
             windows(camera.sensor.captures, exposure_s)
@@ -306,29 +210,6 @@ def warn_of_milliseconds(*exposure_s: float) -> None:
         warnings.warn(text, stacklevel=4)
 
 
-def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
-    """Velocities (B, 2), x right and y down, from speeds (B,) and directions (B,), counter-clockwise as displayed.
-
-    >>> velocity_px_s(torch.tensor([100.0]), torch.tensor([90.0])).round().tolist()
-    [[-0.0, -100.0]]
-    """
-    angle = torch.deg2rad(direction_deg)
-    return torch.stack([angle.cos(), -angle.sin()], dim=-1) * speed_px_s[:, None]
-
-
-def _shakes(drawn: Params, cameras: Sequence[Camera]) -> list[Trajectory | None]:
-    """The shake of each picture, by its noise seed; None without shake."""
-    if "shake_px" not in drawn:
-        return [None] * len(cameras)
-    columns = (drawn[name].tolist() for name in ("noise_seed", "shake_px", "exposure_s"))
-    return [
-        shake(seed, extent_px, exposure_s, duration_s=path_duration_s(camera, exposure_s))
-        if extent_px
-        else None
-        for seed, extent_px, exposure_s, camera in zip(*columns, cameras, strict=True)
-    ]
-
-
 def bounds(name: str, value: Range) -> tuple[float, float]:
     """The two ends of a range. Raises ``TypeError`` or ``ValueError`` outside the limits of its name."""
     value = _plain(name, value)
@@ -357,38 +238,16 @@ def _plain(name: str, value: Any) -> Any:
 
 
 def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, float] | AutoExposure:
+    """A number, a range or an auto-exposure. Raises ``ValueError`` for a gain that a camera or its captures lack."""
     if isinstance(gain_db, AutoExposure) or (isinstance(gain_db, str) and gain_db == "auto"):
         for camera in cameras:
-            check_captures(camera, 0.0)
+            readers(amplified(camera, 0.0).camera)
         return gain_db if isinstance(gain_db, AutoExposure) else AutoExposure()
     gain_db = _plain("gain_db", gain_db)
     if not isinstance(gain_db, (Real, Sequence)) or isinstance(gain_db, str):
         must = "must be a number, (low, high), 'auto' or an AutoExposure"
         raise TypeError(f"gain_db = {shown(gain_db)}: {must}")
     low, high = bounds("gain_db", gain_db)
-    for camera, each in product(cameras, (low, high)):
-        check_captures(camera, each)
+    for camera, gain in product(cameras, (low, high)):
+        readers(amplified(camera, gain).camera)  # raises for a gain that the camera lacks
     return low if low == high else (low, high)
-
-
-def check_captures(camera: Camera, gain_db: float) -> None:
-    """Raise ``ValueError`` for a gain that the camera lacks, or at which a capture reaches less far than the last."""
-    readers(amplified(camera, gain_db).camera)
-
-
-def check_vehicle(vehicle: Vehicle, *, drives: bool) -> None:
-    """Raise ``TypeError`` for what is no vehicle, ``ValueError`` for one that does not drive."""
-    an_instance("vehicle", vehicle, Vehicle)
-    if not drives and vehicle != USUAL_VEHICLE:
-        raise ValueError("vehicle: needs ego_kmh, its speed")
-
-
-def cameras_of(camera: Cameras) -> tuple[Camera, ...]:
-    """The cameras, presets opened. Raises ``TypeError`` or ``ValueError``."""
-    given = camera if isinstance(camera, Sequence) and not isinstance(camera, str) else [camera]
-    for each in given:
-        if not isinstance(each, (Camera, str)):
-            raise TypeError(f"camera: must be cameras or names of presets, got {type(each).__name__}")
-    if not given:
-        raise ValueError("camera = []: must be at least one camera")
-    return tuple(Camera.preset(each) if isinstance(each, str) else each for each in given)

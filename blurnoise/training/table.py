@@ -28,8 +28,8 @@ from blurnoise.camera import Camera
 from blurnoise.camera.colour import PictureTone, picture_tone
 from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.metering import USUAL, AutoExposure
-from blurnoise.training import ranges
-from blurnoise.training.ranges import DRAWN, Cameras, Params, Range
+from blurnoise.training.ranges import bounds, chosen, warn_of_milliseconds
+from blurnoise.training.source import DRAWN, Cameras, ExposureSource, Gain, Params, Range, cameras_of
 
 FILE = "conditions.json"
 """The file of a sweep's folder with its cameras and the conditions that it tested."""
@@ -58,7 +58,7 @@ class ConditionRow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ExposureTable(ranges.ExposureSource):
+class ExposureTable(ExposureSource):
     """A table of equally likely conditions, and the cameras that its rows name by number.
 
     gain_db: the auto-exposure for rows without a gain. direction_deg: range to draw the direction from; None: the
@@ -72,12 +72,12 @@ class ExposureTable(ranges.ExposureSource):
 
     camera: Cameras
     rows: tuple[ConditionRow, ...]
-    gain_db: ranges.Gain = USUAL
+    gain_db: Gain = USUAL
     direction_deg: Range | None = None
     encoding: PictureTone = "srgb"
 
     def __post_init__(self) -> None:
-        vars(self).update(camera=ranges.cameras_of(self.camera), rows=tuple(self.rows))
+        vars(self).update(camera=cameras_of(self.camera), rows=tuple(self.rows))
         if not self.rows:
             raise ValueError("conditions = []: must be at least one")
         for row in self.rows:
@@ -89,7 +89,7 @@ class ExposureTable(ranges.ExposureSource):
             if row.gain_db is not None:
                 self.cameras[row.camera].at_gain(row.gain_db)
         if self.direction_deg is not None:
-            vars(self).update(direction_deg=ranges.bounds("direction_deg", self.direction_deg))
+            vars(self).update(direction_deg=bounds("direction_deg", self.direction_deg))
 
     @classmethod
     def of_run(cls, run: Any, *, direction_deg: Range | None = None) -> ExposureTable:
@@ -139,9 +139,9 @@ class ExposureTable(ranges.ExposureSource):
             if isinstance(given, str) or not isinstance(given, Iterable):
                 must = f"must be a sequence of values, such as [{shown(given)}]"
                 raise TypeError(f"{name} = {shown(given)}: {must}")
-        ranges.warn_of_milliseconds(*exposure_s)
+        warn_of_milliseconds(*exposure_s)
         lists["gain_db"] = [None if gain == "auto" else gain for gain in gains]
-        lists["camera"] = range(len(ranges.cameras_of(camera)))
+        lists["camera"] = range(len(cameras_of(camera)))
         rows = (ConditionRow(**dict(zip(lists, each, strict=True))) for each in product(*lists.values()))
         return cls(camera, tuple(rows), auto, direction_deg)
 
@@ -158,7 +158,7 @@ class ExposureTable(ranges.ExposureSource):
     def conditions(self, uniform: Tensor) -> Params:
         """As of all :class:`ExposureSource`."""
         shares = iter(uniform.unbind(-1))
-        row = ranges.chosen(next(shares).double(), len(self.rows)).cpu()  # double: tables may have many rows
+        row = chosen(next(shares).double(), len(self.rows)).cpu()  # double: tables may have many rows
         drawn = {
             name: column[row].to(uniform if column.is_floating_point() else uniform.device)
             for name, column in self._columns.items()

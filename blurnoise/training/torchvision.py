@@ -25,7 +25,7 @@ from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
 from blurnoise.training.augmentation import OverConditions
 from blurnoise.training.labels import boxes_after, keypoints_after, masks_after
-from blurnoise.training.ranges import Cameras
+from blurnoise.training.source import Cameras
 
 _POINTS = getattr(tv_tensors, "KeyPoints", tv_tensors.Mask)  # from torchvision 0.23 on
 _LABELS = (tv_tensors.BoundingBoxes, tv_tensors.Mask, _POINTS)

@@ -5,9 +5,9 @@
   python examples/studies/paper.py -o paper --only sic    one item
 
 Each item is a table or figure of the paper: its statement, the result here, and the rule by which the two agree.
-Networks receive pictures in two ways: as in the paper (grey from coded values, used as light, linear 8 bits), and as
-from a camera. DIR/paper.csv has all rows, DIR/ITEM.png the figures. The exit code is 1 if an item that should agree
-does not. Text is read with PP-OCR of the package rapidocr; without it these items are "not run".
+Networks receive pictures as in the paper: grey from coded values, used as light, in linear 8 bits. DIR/paper.csv has
+all rows, DIR/ITEM.png the figures. The exit code is 1 if an item does not agree. Text is read with PP-OCR of the
+package rapidocr; without it these items are "not run".
 """
 
 from __future__ import annotations
@@ -21,18 +21,9 @@ from pathlib import Path
 import pandas
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
-from paper_checks import COLUMNS, NOT_RUN, VERDICTS, Figure
+from paper_checks import COLUMNS, Figure
 from paper_items import ITEMS, NOT_COMPARED
 from paper_measurements import Measurements, pp_ocr
-
-
-def summary(verdicts: Sequence[str]) -> str:
-    """'30 of 32 statements of the paper agree; differ: 2; items not run: 1.'"""
-    count = Counter(verdicts)
-    agree, differ, missing = (count[verdict] for verdict in (VERDICTS[True], VERDICTS[False], NOT_RUN))
-    text = f"{agree} of {agree + differ} statements of the paper agree"
-    text += f"; differ: {differ}" if differ else ""
-    return f"{text}; items not run: {missing}." if missing else f"{text}."
 
 
 def draw(figures: Sequence[Figure], path: Path) -> None:
@@ -82,16 +73,15 @@ def main(words: Sequence[str] | None = None) -> int:
         rows, figures = item.run(measurements)
         table += rows
         for row in rows:
-            chain = f" ({row['chain']})" if row["chain"] else ""
-            print(f"{row['verdict']:10}  {row['where']}, {row['what']}{chain}: {row['result']}")
+            print(f"{row['verdict']:8}  {row['where']}, {row['what']}: {row['result']}")
         if figures:
             draw(figures, options.output / f"{item.name}.png")
     pandas.DataFrame(table, columns=COLUMNS).to_csv(options.output / "paper.csv", index=False)
     for what, why in NOT_COMPARED.items():
         print(f"not compared: {what}: {why}")
-    verdicts = [row["verdict"] for row in table]
-    print(summary(verdicts))
-    return int(VERDICTS[False] in verdicts)
+    count = Counter(row["verdict"] for row in table)
+    print("; ".join(f"{count[verdict]} {verdict}" for verdict in ("agrees", "differs", "not run")))
+    return int(count["differs"] > 0)
 
 
 if __name__ == "__main__":

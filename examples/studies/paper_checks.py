@@ -8,13 +8,11 @@ from itertools import pairwise
 from statistics import NormalDist
 from typing import NamedTuple
 
-from paper_measurements import CHAINS, Measurements, NotRun
+from paper_measurements import Measurements, NotRun
 
 from blurnoise.metrics.values import Estimate
 
-VERDICTS = {True: "agrees", False: "differs", None: "not judged"}
-NOT_RUN = "not run"
-COLUMNS = ("item", "expected", "result", "rule", "verdict", "what", "chain", "where", "setting")
+COLUMNS = ("item", "where", "setting", "what", "expected", "result", "rule", "verdict")
 Curve = Mapping[float, float]
 """From x to y."""
 Range = tuple[float, float, str]
@@ -22,16 +20,13 @@ Row = dict[str, str]
 
 
 class Check(NamedTuple):
-    """A statement of the paper and the result of the rerun.
-
-    agrees: whether the result keeps the rule; None where nothing can be compared.
-    """
+    """A statement of the paper, the result of the rerun, and whether the result keeps the rule."""
 
     what: str
     expected: str
     result: str
-    rule: str = ""
-    agrees: bool | None = None
+    rule: str
+    agrees: bool
 
 
 class Figure(NamedTuple):
@@ -48,39 +43,27 @@ Parts = Iterator[Check | Figure]
 
 
 class Item(NamedTuple):
-    """An entry of the rerun.
-
-    where: figure, table or equation of the paper. of: yields the checks and figures of measurements. judged: the
-    chain that is compared with the paper; ``of`` is then called for each chain.
-    """
+    """An entry of the rerun. where: figure, table or equation of the paper. of: yields its checks and figures."""
 
     name: str
     title: str
     where: str
     setting: str
-    of: Callable[..., Parts]
-    judged: str = ""
+    of: Callable[[Measurements], Parts]
 
     def run(self, measurements: Measurements) -> tuple[list[Row], list[Figure]]:
         """Rows by ``COLUMNS``, and figures; one row that says so where something is missing for the item."""
-        rows: list[Row] = []
-        figures: list[Figure] = []
-        try:
-            for chain in CHAINS if self.judged else ("",):
-                for part in self.of(measurements, chain) if chain else self.of(measurements):
-                    if isinstance(part, Figure):
-                        figures.append(part._replace(title=f"{part.title}, {chain} chain") if chain else part)
-                        continue
-                    verdict = VERDICTS[part.agrees if chain == self.judged else None]
-                    rows.append(self._row(part, verdict, chain))
-        except NotRun as reason:
-            return [self._row(Check(self.title, "", str(reason)), NOT_RUN)], []
-        return rows, figures
-
-    def _row(self, check: Check, verdict: str, chain: str = "") -> Row:
         about = {"item": self.name, "where": self.where, "setting": self.setting}
-        row = {**check._asdict(), **about, "verdict": verdict, "chain": chain}
-        return {name: row[name] for name in COLUMNS}
+        try:
+            parts = list(self.of(measurements))
+        except NotRun as reason:
+            return [{**about, "what": self.title, "result": str(reason), "verdict": "not run"}], []
+        checks = [part for part in parts if isinstance(part, Check)]
+        rows = []
+        for *texts, agrees in checks:
+            texts_by_name = dict(zip(Check._fields, texts, strict=False))
+            rows.append({**about, **texts_by_name, "verdict": "agrees" if agrees else "differs"})
+        return rows, [part for part in parts if isinstance(part, Figure)]
 
 
 def within(

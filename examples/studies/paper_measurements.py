@@ -29,7 +29,6 @@ from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.metrics.edge.measurement import Flag, slanted_edge
 from blurnoise.metrics.values import Estimate
 
-CHAINS = ("paper", "camera")
 CAMERA = "lin2024"
 READ_FIELDS = 8
 """Noise fields of a reading, at least: what is read right six times in ten is so in all of three every fifth time."""

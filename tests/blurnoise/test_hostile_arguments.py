@@ -100,7 +100,7 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.develop, {"dn": 4000 * PICTURES, "camera": CAMERA, "encoding": "srgb", "gain_db": 0.0}),
     (blurnoise.motion_blur, {"image": PICTURES, "displacement_px": (3.0, 1.0), "method": "auto"}),
     (blurnoise.photoelectrons, {**LIT, "illuminant": "D55"}),
-    (blurnoise.plan, {**LIT, **NATURE, "displacement_px": (0.0, 0.0), "objects": (), "size": (24, 31)}),
+    (blurnoise.plan, {"exposure": blurnoise.Exposure(**LIT), "scene": None, "tolerance_dn": 0.1}),
     (ROLLS.move_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),
     (ROLLS.sweep_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),
     (blurnoise.take, {"scene": blurnoise.Scene(PICTURES[:1]), "exposure": blurnoise.Exposure(**LIT),

@@ -5,16 +5,17 @@ from typing import Any
 
 import pytest
 import torch
+from exposed_frames import budget
 from kornia.augmentation import AugmentationSequential
 from made_up import ColumnNoise, Pedestal, Shift, Veil
 
-from blurnoise import Camera, Exposure, RandomExposure, Scene, photoelectrons, plan, simulate, take_each
+from blurnoise import Camera, Exposure, RandomExposure, Scene, photoelectrons, simulate, take_each
 from blurnoise._core import threads
 from blurnoise.camera.sensor import DARK_NOISE
 from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.sensor import readout, stages
+from blurnoise.sensor import fused, readout, stages
 from blurnoise.sensor.readout import read_out
 
 CAMERA = Camera.preset("imx250").with_figures(
@@ -46,7 +47,7 @@ def test_a_new_light_effect_is_one_entry(monkeypatch, fidelity):
     torch.testing.assert_close(
         (after - before)[unclipped], (white_dn * pattern[None])[unclipped], rtol=1e-3, atol=2e-3
     )
-    told = {each.name: each for each in plan(CAMERA, **CONDITIONS).stages}
+    told = {each.name: each for each in budget(CAMERA, **CONDITIONS).stages}
     assert told["veil"].contribution_dn == pytest.approx(white_dn)
     assert told["veil"].kept
 
@@ -61,12 +62,12 @@ def test_a_new_sensor_stage_is_one_entry(monkeypatch, fidelity, place):
     """Before shot noise or after it: in the frame and in the plan; the fast route declines."""
     before = mean_frame(fidelity=fidelity, quantised=True)
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], Pedestal(500.0), *stages.STAGES[place:]))
-    assert not readout.supports(stages.active(CAMERA))
+    assert not fused.supports(stages.active(CAMERA))
     after = mean_frame(fidelity=fidelity, quantised=True)
     dn = 500 * CAMERA.sensor.system_gain_dn_per_e
     unclipped = before + dn < CAMERA.sensor.clip_dn
     assert float(((after - before)[unclipped] - dn).abs().max()) <= 1
-    told = {each.name: each for each in plan(CAMERA, **CONDITIONS).stages}
+    told = {each.name: each for each in budget(CAMERA, **CONDITIONS).stages}
     assert told["pedestal"].contribution_dn == pytest.approx(dn)
 
 
@@ -100,7 +101,7 @@ def test_what_is_small_is_left_out_whatever_it_is(monkeypatch):
     before = mean_frame()
     monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Veil(1e-8)))
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(1e-4), *stages.STAGES[6:]))
-    found = plan(CAMERA, **CONDITIONS)
+    found = budget(CAMERA, **CONDITIONS)
     assert {"veil", "pedestal"} <= found.without
     assert torch.equal(mean_frame(), before)
     assert not torch.equal(mean_frame(fidelity="full"), before)
@@ -153,9 +154,9 @@ def test_the_fast_route_is_the_reference_stage_by_stage(alone, read_noise_e, noi
     )
     given: dict[str, Any] = {"white_e": [300.0, 7000.0], "exposure_s": 0.02, "temperature_c": 30.0}
     given |= {"generator": [5, 6], "fixed_pattern": pattern, "noise": noise}
-    assert readout.supports(stages.active(camera))
+    assert fused.supports(stages.active(camera))
     quick = read_out(light, camera, **given)
-    monkeypatch.setattr(readout, "supports", lambda active: False)
+    monkeypatch.setattr(fused, "supports", lambda active: False)
     reference = read_out(light, camera, **given)
     off = (quick - reference).abs()
     assert float(off.max()) <= 1
@@ -166,10 +167,10 @@ def test_the_fast_route_is_the_reference_stage_by_stage(alone, read_noise_e, noi
 
 def test_the_fast_route_declines_another_order_or_a_lack(monkeypatch):
     every = stages.active(CAMERA)
-    assert readout.supports(every)
-    assert not readout.supports(every[:-1])
-    assert not readout.supports([*every[1:], every[0]])
-    assert not readout.supports([stage for stage in every if stage is not stages.QUANTISATION])
+    assert fused.supports(every)
+    assert not fused.supports(every[:-1])
+    assert not fused.supports([*every[1:], every[0]])
+    assert not fused.supports([stage for stage in every if stage is not stages.QUANTISATION])
 
 
 def test_every_noise_of_the_dark_counts_in_threshold_and_range():

@@ -2,7 +2,7 @@
 
 import torch
 
-from blurnoise import Exposure, Scene, TakeOptions, take
+from blurnoise import Exposure, Scene, TakeOptions, plan, take
 
 
 def raw_frames(
@@ -21,3 +21,13 @@ def batched(values, batch):
         name: torch.full((batch,), value, dtype=torch.float64) if isinstance(value, float) else value
         for name, value in values.items()
     }
+
+
+def budget(
+    camera, *, exposure_s, illuminance_lux, displacement_px=(0.0, 0.0), scene=None, tolerance_dn=0.1, **values
+):
+    """The plan of an exposure in which everything moves so far."""
+    velocity = tuple(px / exposure_s if exposure_s else 0.0 for px in displacement_px)
+    return plan(
+        Exposure(camera, exposure_s, illuminance_lux, velocity, **values), scene, tolerance_dn=tolerance_dn
+    )

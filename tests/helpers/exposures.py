@@ -3,7 +3,7 @@
 import torch
 
 from blurnoise import Camera, Exposure, expose_pictures
-from blurnoise.training.ranges import velocity_px_s
+from blurnoise.training.source import velocity_px_s
 
 OPTIONS = ("masks", "lamp_lights", "encoding", "fidelity")
 

@@ -52,8 +52,7 @@ def simulate(
     """
     from dataclasses import asdict
 
-    from blurnoise import TakeOptions, take
-    from blurnoise.scene.take import plan_of
+    from blurnoise import TakeOptions, plan, take
     from blurnoise_eval.datasets import Image, picture_doubts, write_picture
     from blurnoise_eval.default_camera import camera_text, is_grey_light
     from blurnoise_eval.plan.conditions import reflectance_text
@@ -79,9 +78,9 @@ def simulate(
     if config.grey_anchor is not None or config.emitters is not None or config.picture_tone == "linear":
         facts["above_white_percent"] = 100 * float((light.amax(1) > 1).double().mean())
     facts["reflectance"] = reflectance_text(config.grey_anchor, "--grey-anchor")
-    plan = plan_of(scene, exposure, options) if explain else None
-    if plan and as_json:
-        facts["stages"] = [asdict(stage) for stage in plan.stages]
+    needed = plan(exposure, scene, tolerance_dn=config.tolerance_dn) if explain else None
+    if needed and as_json:
+        facts["stages"] = [asdict(stage) for stage in needed.stages]
     print_facts(facts, as_json)
     doubts = picture_doubts(image.parent, [image.name])
     camera = exposure.camera
@@ -89,5 +88,5 @@ def simulate(
         None, [camera_text(camera, colour=colour), inputs.about_lux(config.camera, camera), *doubts]
     ):
         say_wrapped(about, hanging=2, error=True)
-    if plan and not as_json:
-        print_stages(plan, config.fidelity)
+    if needed and not as_json:
+        print_stages(needed, config.fidelity)

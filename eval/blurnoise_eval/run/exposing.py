@@ -106,7 +106,8 @@ class PictureScene:
         options = TakeOptions(("8 bit",), white=self.plan.hdr_white)
         for is_cut, group in groupby(exposures, key=self._is_cut):
             if is_cut:
-                yield from take_each(self._cut_scene()[0].scene, group, options)
+                scene, cut = self._cut_scene()[0].scene, list(group)
+                yield from take_each(scene, cut if scene.layers else map(_without_targets, cut), options)
             else:
                 whole = (replace(exposure, moves="all") for exposure in group)
                 yield from take_each(self.light, whole, options)
@@ -164,6 +165,12 @@ class PictureScene:
                 found = cut_out(self._picture, light, self.objects, scale, emitters)
                 self._cut = CutScene(found.cut, found.speeds, self.lamp_mask), found.targets
             return self._cut
+
+
+def _without_targets(exposure: Exposure) -> Exposure:
+    """The exposure of a picture without targets, which is background everywhere."""
+    still = exposure.moves == "targets"
+    return replace(exposure, moves="all", velocity_px_s=(0.0, 0.0) if still else exposure.velocity_px_s)
 
 
 def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterator[Frame]:

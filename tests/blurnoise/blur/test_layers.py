@@ -9,10 +9,10 @@ import pytest
 import sub_exposures
 import torch
 from blurnoise_eval.datasets import segmentation
-from exposed_frames import raw_frames
+from exposed_frames import budget, raw_frames
 from layered_scenes import BACKGROUND, MATTE, OBJECT, OTHER, SECOND, SIZE, STILL, close, seen
 
-from blurnoise import Camera, Layer, Scene, Trajectory, expose_layers, motion_blur, plan, simulate
+from blurnoise import Camera, Layer, Scene, Trajectory, expose_layers, motion_blur, simulate
 from blurnoise.blur import sub_exposures as blur_sub_exposures
 from blurnoise.blur.layers import object_motion, seen_behind
 from blurnoise.camera.captures import staggered
@@ -188,15 +188,15 @@ def test_gradients_reach_velocities_through_the_chain():
 
 def test_plans_keep_objects_and_bound_them():
     taken = {"exposure_s": 0.01, "illuminance_lux": 100.0}
-    moving = plan(CAMERA, **taken, objects=(object_motion(SQUARE, 0.01, (61, 84)),))
+    moving = budget(CAMERA, **taken, scene=Scene(DARKER, layers=[SQUARE]))
     row = {stage.name: stage for stage in moving.stages}["objects"]
     assert row.kept
     assert "matte formula" in row.how
     assert row.contribution_dn > 100
     assert "objects" not in moving.without
-    both = plan(CAMERA, **taken, objects=(object_motion(SQUARE, 0.01, (61, 84)),), displacement_px=(5.0, 0.0))
+    both = budget(CAMERA, **taken, scene=Scene(DARKER, layers=[SQUARE]), displacement_px=(5.0, 0.0))
     assert "parts of 2 px" in {stage.name: stage for stage in both.stages}["objects"].how
-    assert {stage.name: stage for stage in plan(CAMERA, **taken).stages}["objects"].contribution_dn == 0
+    assert {stage.name: stage for stage in budget(CAMERA, **taken).stages}["objects"].contribution_dn == 0
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,10 @@ import pytest
 import torch
 from blurs import warped
 from brute_force import photograph, rms_dn, rolled
+from exposed_frames import budget
 from path_oracle import straight_path, vibration
 
-from blurnoise import Camera, Exposure, Trajectory, plan, simulate
+from blurnoise import Camera, Exposure, Trajectory, simulate
 from blurnoise._core.borders import extended
 from blurnoise.blur import convolution, rows
 from blurnoise.blur.displacement import Displacement, Readout
@@ -233,13 +234,13 @@ def test_boxes_are_where_the_picture_has_them(place, moves, distortion):
 
 
 def test_plan():
-    told = {stage.name: stage for stage in plan(ROLLING, **TAKEN, displacement_px=(5.0, 3.0)).stages}
+    told = {stage.name: stage for stage in budget(ROLLING, **TAKEN, displacement_px=(5.0, 3.0)).stages}
     assert told["rolling shutter"].kept
     assert "+0.15, +0.09 px per row, after the blur" in told["rolling shutter"].how
-    assert "rolling shutter" in plan(ROLLING, **TAKEN, displacement_px=(1e-5, 0.0)).without
-    path = plan(ROLLING, **TAKEN, trajectory=Trajectory.sinusoid(3.0, 80.0, 0.2))
+    assert "rolling shutter" in budget(ROLLING, **TAKEN, displacement_px=(1e-5, 0.0)).without
+    path = budget(ROLLING, **TAKEN, trajectory=Trajectory.sinusoid(3.0, 80.0, 0.2))
     assert "every row in its own window" in {each.name: each.how for each in path.stages}["rolling shutter"]
-    assert "rolling shutter" not in plan(RESET, **TAKEN).without
+    assert "rolling shutter" not in budget(RESET, **TAKEN).without
 
 
 def test_bound_holds():

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from exposed_frames import budget
 
-from blurnoise import Camera, plan, simulate
+from blurnoise import Camera, simulate
 from blurnoise._core.borders import BORDERS
 from blurnoise.blur.over_the_field import TOLERANCE
 from blurnoise.camera import lens as lenses
@@ -239,7 +240,7 @@ def test_on_changes_the_picture_within_its_bound_and_the_plan_says_so(lens, stre
         found.append(float(off.square().mean((0, 2, 3)).sqrt().max()))
     assert 1e-4 * s < max(found) <= 1.1 * bound + TOLERANCE
     assert bound < 20 * strength
-    stages = [{each.name: each for each in plan(of, **LIT).stages}[lens] for of in (camera, CAMERA)]
+    stages = [{each.name: each for each in budget(of, **LIT).stages}[lens] for of in (camera, CAMERA)]
     assert [each.kept for each in stages] == [True, False]
     assert stages[1].contribution_dn == 0
 
@@ -249,7 +250,7 @@ def test_what_is_small_is_left_out():
     faint = CAMERA.with_figures(
         field_curvature_px=1e-3, lateral_red=1e-9, lateral_blue=1e-9, falloff_power=1e-6, distortion=slight
     )
-    told = plan(faint, **LIT)
+    told = budget(faint, **LIT)
     assert {"distortion", "lateral colour", "defocus", "vignetting"} <= told.without
     frames: dict[str, Any] = {"noise": False, "quantised": False, **LIT}
     auto, full = (simulate(picture(), faint, fidelity=way, **frames) for way in ("auto", "full"))

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from exposed_frames import budget
 from path_oracle import accelerated, polyline_grid, straight_path, vibration
 
-from blurnoise import Camera, Exposure, Trajectory, plan, simulate
+from blurnoise import Camera, Exposure, Trajectory, simulate
 from blurnoise.blur import convolution, fourier, path_otf
 from blurnoise.blur.convolution import path_blur
 from blurnoise.camera import transfer
@@ -281,12 +282,12 @@ def test_every_picture_has_its_own_and_depends_on_no_other():
 
 
 def test_plan_names_the_path_and_leaves_out_what_is_short():
-    told = {stage.name: stage for stage in plan(CAMERA, trajectory=VIBRATION, **LIT).stages}["motion"]
+    told = {stage.name: stage for stage in budget(CAMERA, trajectory=VIBRATION, **LIT).stages}["motion"]
     assert told.kept
     assert "segments over 6.92x3.99 px" in told.how
     short = Trajectory.sinusoid(0.01, 80.0, 0.05)
-    assert "motion" in plan(CAMERA, trajectory=short, **LIT).without
-    assert "motion" not in plan(CAMERA, trajectory=short, displacement_px=(5.0, 0.0), **LIT).without
+    assert "motion" in budget(CAMERA, trajectory=short, **LIT).without
+    assert "motion" not in budget(CAMERA, trajectory=short, displacement_px=(5.0, 0.0), **LIT).without
 
 
 def test_boxes_stay_and_sweep_what_the_path_covers():

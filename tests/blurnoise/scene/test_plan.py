@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from exposed_frames import budget
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
@@ -14,7 +15,6 @@ from scipy.stats import norm
 from blurnoise import Camera, photoelectrons, simulate
 from blurnoise.camera.lens import Lens
 from blurnoise.camera.sensor import Sensor
-from blurnoise.scene.plan import plan
 
 BUSY = Camera(
     "busy",
@@ -46,7 +46,7 @@ CAMERAS = st.fixed_dictionaries(
 
 
 def test_the_stages_stand_in_the_order_of_the_physics():
-    chosen = plan(BUSY, exposure_s=0.02, illuminance_lux=100.0, displacement_px=(12.0, 0.0))
+    chosen = budget(BUSY, exposure_s=0.02, illuminance_lux=100.0, displacement_px=(12.0, 0.0))
     order = ORDER.replace("\n", " ").split(", ")
     assert [stage.name for stage in chosen.stages if stage.name in order] == order
     by_name = {stage.name: stage for stage in chosen.stages}
@@ -63,7 +63,7 @@ def test_the_stages_stand_in_the_order_of_the_physics():
 def test_a_larger_tolerance_keeps_less():
     settings_ = {"exposure_s": 0.01, "illuminance_lux": 50.0, "displacement_px": (3.0, 1.0)}
     kept = [
-        {stage.name for stage in plan(BUSY, **settings_, tolerance_dn=tolerance).stages if stage.kept}  # type: ignore[arg-type]
+        {stage.name for stage in budget(BUSY, **settings_, tolerance_dn=tolerance).stages if stage.kept}  # type: ignore[arg-type]
         for tolerance in (0.01, 1.3, 30.0, 1e4)
     ]
     for more, less in pairwise(kept):
@@ -108,7 +108,7 @@ def test_what_is_left_out_is_within_the_tolerance(camera, exposure_s, lux, lengt
     full = simulate(image, camera, fidelity="full", noise=False, **common)
     auto = simulate(image, camera, noise=False, **common)
     assert float((full - auto).square().mean().sqrt()) <= 1.1 * tolerance + 1e-6
-    chosen = plan(camera, **at, displacement_px=(x_px_s * exposure_s, 0.0))
+    chosen = budget(camera, **at, displacement_px=(x_px_s * exposure_s, 0.0))
     assert chosen.left_out_dn <= tolerance
     left_out = [stage.contribution_dn for stage in chosen.stages if not stage.kept]
     rounding = math.sqrt(max(0.0, chosen.left_out_dn**2 - math.hypot(*left_out) ** 2))

@@ -4,9 +4,11 @@ import math
 
 import pytest
 import torch
+from exposed_frames import budget
 
-from blurnoise import Camera, plan
+from blurnoise import Camera
 from blurnoise._core.threads import WORTH_IT
+from blurnoise.sensor import fused
 from blurnoise.sensor import readout as sensor
 
 BASE = Camera.preset("imx250").with_figures(
@@ -89,7 +91,7 @@ def test_bits_depend_on_neither_batch_nor_threads_nor_pieces(camera, fidelity, m
         for count, piece in ((1, 1 << 15), (3, 10_001)):
             torch.set_num_threads(count)
             monkeypatch.setattr(sensor, "_PIECE", piece)
-            monkeypatch.setattr(sensor, "_FAST_PIECE", piece)
+            monkeypatch.setattr(fused, "_PIECE", piece)
             for each, dn in enumerate(together):
                 alone = sensor.read_out(light[each : each + 1], camera, generator=[7 + each], **given)
                 assert torch.equal(alone[0], dn)
@@ -105,7 +107,7 @@ def test_the_fast_route_gives_the_references_frame(white_e, monkeypatch):
     lights, lights_e = light.expand(2, -1, -1, -1), [white_e, 100.0]
     fast = sensor.read_out(light, STRAIGHT, white_e=white_e, generator=[5], **given)
     both = sensor.read_out(lights, STRAIGHT, white_e=lights_e, generator=[5, 5], **given)
-    monkeypatch.setattr(sensor, "supports", lambda active: False)
+    monkeypatch.setattr(fused, "supports", lambda active: False)
     reference = sensor.read_out(light, STRAIGHT, white_e=white_e, generator=[5], **given)
     assert torch.equal(both[:1], fast)
     assert float((fast - reference).abs().max()) <= 1
@@ -158,7 +160,7 @@ def test_gradients_pass_the_bend_rows_and_columns():
 def test_plans_leave_out_what_does_not_matter():
     """A bend of bright light where there is none, rows below the tolerance; and say what they keep."""
     bent = BENT.with_figures(photon_transfer=((0.5, 1.0), (0.9, 0.4)), row_noise_e=1e-3, column_noise_e=2.0)
-    dim, bright = (plan(bent, exposure_s=0.01, illuminance_lux=lux) for lux in (1.0, 500.0))
+    dim, bright = (budget(bent, exposure_s=0.01, illuminance_lux=lux) for lux in (1.0, 500.0))
     assert (
         dim.camera.sensor.photon_transfer,
         dim.camera.sensor.row_noise_e,
@@ -168,7 +170,7 @@ def test_plans_leave_out_what_does_not_matter():
     said = {each.name: each for each in bright.stages}
     assert said["column noise"].contribution_dn == pytest.approx(0.8 * 2.0)
     assert said["row noise"].how == "left out: within the tolerance"
-    stages = plan(FIXED, exposure_s=0.01, illuminance_lux=1.0).stages
+    stages = budget(FIXED, exposure_s=0.01, illuminance_lux=1.0).stages
     assert {each.name: each.contribution_dn for each in stages}["DSNU"] == pytest.approx(0.8 * math.sqrt(98))
 
 

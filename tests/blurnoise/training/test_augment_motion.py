@@ -21,7 +21,8 @@ from blurnoise.camera.colour import linear_from_srgb
 from blurnoise.motion.ego import Vehicle
 from blurnoise.scene import cutting
 from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.ranges import ExposureRanges, velocity_px_s
+from blurnoise.training.ranges import ExposureRanges
+from blurnoise.training.source import velocity_px_s
 
 SIZE = (46, 63)
 CAMERA = Camera.preset("imx250")

@@ -145,6 +145,21 @@ def test_the_truth_is_the_box_that_is_asked_for():
     )
 
 
+def test_a_picture_without_targets_is_background(detector, tmp_path):
+    empty = picture("empty", labels=())
+    plan = swept((0.01,), (300.0,), (0.0, 1600.0), moves=(0.0, 1.0, 2.0))
+    run = evaluate([detector], picture_set(picture("a"), empty), CAMERA, plan, output=tmp_path / "run")
+    cell_at = {
+        (row["moves"], row["velocity_x_px_s"]): row["cell_id"]
+        for row in run.cells
+        if row["image"] == "empty" and not row["clean"]
+    }
+    moved, still = run.simulate(cell_at["all", 1600.0]), run.simulate(cell_at["all", 0.0])
+    np.testing.assert_array_equal(run.simulate(cell_at["background", 1600.0]), moved)
+    np.testing.assert_array_equal(run.simulate(cell_at["targets", 1600.0]), still)
+    assert (moved != still).any()
+
+
 def test_rows_say_each_targets_own_blur(detector, tmp_path):
     grid = swept((0.01,), (300.0,), (1600.0,), moves=(0.0, 1.0)).grid
     plan = SweepPlan(grid, objects=ObjectSettings(speeds={"stop sign": 2.0}))
