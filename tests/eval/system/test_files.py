@@ -67,11 +67,12 @@ def test_a_folder_is_on_disk_before_it_takes_its_name(tmp_path, monkeypatch):
 
 
 def test_nothing_writes_files_in_place():
+    """Examples in docstrings may."""
     found = [
         f"{name}: {line}"
         for name, source in SOURCES.items()
         for line in source.read_text(encoding="utf-8").splitlines()
-        if name != WRITER and (IN_PLACE.search(line) or FIGURE_BY_NAME.search(line))
+        if name != WRITER and (IN_PLACE.search(line) or FIGURE_BY_NAME.search(line)) and ">>>" not in line
     ]
     assert not found
 
