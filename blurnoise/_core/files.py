@@ -84,7 +84,7 @@ def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:
-            raise ValueError(f"{key}: stands twice")
+            raise ValueError(f"{key}: is given twice")
         found[key] = value
     return found
 
@@ -96,7 +96,7 @@ def yaml_of(text: str) -> Any:
     {'width': 3, 'at': '1:30'}
     >>> yaml_of("{a: 1, a: 2}")
     Traceback (most recent call last):
-    ValueError: a: stands twice, again in line 1
+    ValueError: a: is given twice, again in line 1
     """
     if len(text) > _LARGEST_BYTES:
         raise ValueError(f"longer than {_LARGEST_BYTES} characters")
@@ -109,13 +109,14 @@ def yaml_of(text: str) -> Any:
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that stands twice, of which one would be lost; a value that contains itself; and many aliases,
-    with which a short text holds a billion values. 1:30 is text, not 90 as in YAML 1.1."""
+    """YAML without surprises: a key that is given twice is refused, because one value would be lost; so are a value
+    that contains itself, and many aliases, by which a short text holds a billion values. 1:30 is text, not 90 as in
+    YAML 1.1."""
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
         self.aliases = 0
-        self.around: list[str | None] = []  # anchors of the values in which the next one stands
+        self.around: list[str | None] = []  # anchors of the values that contain the next one
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         anchor = self.peek_event().anchor  # type: ignore[no-untyped-call]
@@ -137,7 +138,7 @@ class _Loader(yaml.SafeLoader):
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode) and key.tag != "tag:yaml.org,2002:merge":
                 if (key.tag, key.value) in seen:
-                    raise ValueError(f"{key.value}: stands twice, again in line {key.start_mark.line + 1}")
+                    raise ValueError(f"{key.value}: is given twice, again in line {key.start_mark.line + 1}")
                 seen.add((key.tag, key.value))
         return node
 
@@ -154,7 +155,9 @@ for _tag in ("int", "float"):
 
 
 def read_samples(path: str | Path, column: int, position: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Positions (column 0, ``position`` says of what) and values (``column``), sorted; a header may stand.
+    """Read positions (column 0) and values (``column``) from a CSV file, sorted; the first row may be a header.
+
+    position: what column 0 holds, for messages.
 
     Raises ``ValueError`` that names the file and line when a row does not hold numbers, or for fewer than two.
     """

@@ -1,6 +1,6 @@
 """Camera files (.json, .yaml, .yml): they map the fields of :class:`blurnoise.Camera` to values.
 
-``base: imx250`` takes what a file leaves out from a preset. Curves are {wavelengths_nm: [...], values: [...]}, or
+``base: imx250`` fills in missing figures from a preset. Curves are {wavelengths_nm: [...], values: [...]}, or
 {csv: path, column: 1} of a table beside the file; a quantum efficiency is a number, a curve, or one of them for each
 filter, {red: ..., green: ..., blue: ..., clear: ...}. The presets are such files in ``data/cameras``.
 """
@@ -96,11 +96,11 @@ def completed(given: object, presets: Mapping[str, Any], source: str, folder: Pa
     values = {**base, **{name: value for name, value in given.items() if name != "base"}}
     needed = [name for kind in RECORDS.values() for name in _needed(kind)]
     if missing := ", ".join(name for name in KEYS if name in ("name", *needed) and name not in values):
-        raise ValueError(f"missing {missing}; state them, or a base: one of {', '.join(sorted(presets))}")
+        raise ValueError(f"missing {missing}; give them, or a base: one of {', '.join(sorted(presets))}")
     values |= _over_the_field(values.pop("lens", {}), folder)
     for name in RECORD_OF.keys() & values.keys():
         values[name] = _value(RECORDS[RECORD_OF[name]], name, values[name], folder)
-    if isinstance(own := given.get("sources", {}), Mapping):  # the camera complains of any other
+    if isinstance(own := given.get("sources", {}), Mapping):  # Camera refuses anything else
         sources = base["sources"] | {name: source for name in figures if name in given} | dict(own)
         own, curves = sources["quantum_efficiency"], given.get("quantum_efficiency")
         mark = marked(values["quantum_efficiency"]) if isinstance(curves, Mapping) else ""
@@ -138,7 +138,7 @@ def within(where: str, error: Exception) -> Exception:
 def plain(value: Any) -> Any:
     """A camera, or a part of it, as plain JSON values that :func:`completed` reads."""
     if isinstance(value, FilterCurves):
-        return {name: plain(curve) for name, curve in value.stated()}
+        return {name: plain(curve) for name, curve in value.items()}
     if is_dataclass(value):
         return {entry.name: plain(getattr(value, entry.name)) for entry in fields(value)}
     if isinstance(value, tuple):
@@ -154,7 +154,8 @@ def _over_the_field(given: object, folder: Path) -> dict[str, Any]:
         for name in given:
             known("figure", name, OVER_THE_FIELD)
         values = {name: _value(Lens, name, value, folder) for name, value in given.items()}
-        alone = Lens(f_number=1.0, transmission=1.0, **values)  # complains of them, without the other figures
+        # Checked before the flat figures are there, so that messages name ``lens``.
+        alone = Lens(f_number=1.0, transmission=1.0, **values)
     except (TypeError, ValueError, csv.Error) as error:
         raise within("lens", error) from None
     return {name: getattr(alone, name) for name in OVER_THE_FIELD}
@@ -201,7 +202,7 @@ def _needed(kind: Any) -> list[str]:
 def _tabulated(given: Mapping[str, Any], positions: str, folder: Path) -> Mapping[str, Any]:
     """A curve's description, with its CSV file's name replaced by the samples."""
     if given.keys() & {positions, "values"}:
-        raise ValueError(f"csv: holds {positions} and values; they must not stand beside it")
+        raise ValueError(f"csv: holds {positions} and values; give either the file or the numbers")
     name, column = given["csv"], integer("column", given.get("column", 1), 1, 1 << 16)
     if not isinstance(name, str) or not name.strip():
         raise TypeError(f"csv = {shown(name)}: must be the path of a file")

@@ -46,7 +46,7 @@ def factors(captures: Sequence[Capture]) -> list[float]:
     [1.0, 16.0, 256.0]
     """
     first = captures[0].exposure_ratio / captures[0].sensitivity
-    return [each.exposure_ratio / each.sensitivity / first for each in captures]
+    return [one.exposure_ratio / one.sensitivity / first for one in captures]
 
 
 def longest_first_s(captures: Sequence[Capture], within_s: float) -> float:
@@ -72,19 +72,19 @@ def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float,
     """
     times: list[tuple[float, float]] = []
     for capture in captures:
-        taken_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio
+        duration_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio
         follows_s = sum(times[-1]) if times else 0.0
-        times.append((follows_s if capture.start_s is None else capture.start_s, taken_s))
+        times.append((follows_s if capture.start_s is None else capture.start_s, duration_s))
     if times and times[0][0] != 0:
         raise ValueError(f"captures: start_s of the first is {shown(times[0][0])}; must be 0")
-    for (other, (begun_s, lasted_s)), (place, (start_s, taken_s)) in combinations(enumerate(times), 2):
-        allowed = (start_s, taken_s) == (begun_s, lasted_s)  # one exposure
-        allowed |= captures[place].sensitivity != captures[other].sensitivity
-        apart_s = max(start_s - begun_s - lasted_s, begun_s - start_s - taken_s)
-        if not allowed and apart_s < -_ROUNDING * exposure_s:
+    for (first, (begun_s, lasted_s)), (second, (start_s, taken_s)) in combinations(enumerate(times), 2):
+        allowed = (start_s, taken_s) == (begun_s, lasted_s)  # one exposure, read at two gains
+        allowed |= captures[second].sensitivity != captures[first].sensitivity
+        gap_s = max(start_s - begun_s - lasted_s, begun_s - start_s - taken_s)
+        if not allowed and gap_s < -_ROUNDING * exposure_s:
             raise ValueError(
-                f"captures: number {place + 1}, {1e3 * start_s:g} to {1e3 * (start_s + taken_s):g} ms, overlaps "
-                f"number {other + 1}, {1e3 * begun_s:g} to {1e3 * (begun_s + lasted_s):g} ms; must follow it, "
+                f"captures: number {second + 1}, {1e3 * start_s:g} to {1e3 * (start_s + taken_s):g} ms, overlaps "
+                f"number {first + 1}, {1e3 * begun_s:g} to {1e3 * (begun_s + lasted_s):g} ms; must follow it, "
                 "have the same start and duration (two gains) or another sensitivity (split pixels)"
             )
     return times

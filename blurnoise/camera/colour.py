@@ -34,8 +34,8 @@ WhiteBalance = Literal["auto"] | tuple[_Gain, _Gain, _Gain]
 PLANES = ("none", "mono")
 """Without a mosaic: a sensor for each colour, or one plane of light."""
 _CURVES = {"R": "red", "G": "green", "B": "blue", "C": "clear"}
-_ROW_TOLERANCE = 0.002  # what three figures of three decimals leave
-_LARGEST_INVERSE = 100.0
+_ROW_TOLERANCE = 0.002  # of a row's sum: three entries of three decimals each
+_LARGEST_INVERSE = 100.0  # entries; a matrix near a singular one would turn rounding errors into colours
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class FilterCurves:
     clear: Spectrum | None = None
 
     def __post_init__(self) -> None:
-        for name, curve in self.stated():
+        for name, curve in self.items():
             check_shares(name, curve)
 
-    def stated(self) -> Iterator[tuple[str, Spectrum]]:
+    def items(self) -> Iterator[tuple[str, Spectrum]]:
         """Names and curves of the filters that are given."""
         for name in _CURVES.values():
             if (curve := getattr(self, name)) is not None:
@@ -71,20 +71,20 @@ class FilterCurves:
 
 def marked(curves: Spectrum | FilterCurves) -> str:
     """Note on curves that are cut short (:func:`.spectra.cut_short`), with the filter's name; "" if none is."""
-    each = curves.stated() if isinstance(curves, FilterCurves) else [("", curves)]
+    each = curves.items() if isinstance(curves, FilterCurves) else [("", curves)]
     marks = [(name, cut_short(curve)) for name, curve in each if isinstance(curve, Curve)]
     return "; ".join(f"{name} {mark}".strip() for name, mark in marks if mark)
 
 
 def check_filters(cfa: str, curves: Spectrum | FilterCurves) -> None:
     """Raise ``TypeError`` or ``ValueError`` unless each filter of the mosaic has a quantum efficiency."""
-    stated = dict(curves.stated()) if isinstance(curves, FilterCurves) else {}
+    curve_of = dict(curves.items()) if isinstance(curves, FilterCurves) else {}
     if not isinstance(curves, FilterCurves):
         check_shares("quantum_efficiency", curves)
     elif cfa in PLANES:
         raise ValueError(f"quantum_efficiency: states filters; cfa = {cfa!r} has none and needs one curve")
     needed = [] if cfa in PLANES else [_CURVES[letter] for letter in dict.fromkeys(cfa)]
-    if missing := ", ".join(name for name in needed if name not in stated):
+    if missing := ", ".join(name for name in needed if name not in curve_of):
         must = f"needs {', '.join(needed)} of its own"
         raise ValueError(f"quantum_efficiency: cfa = {cfa!r} {must}; missing {missing}")
 
@@ -99,10 +99,10 @@ def check_balance(cfa: str, white_balance: WhiteBalance, ccm: Matrix | None) -> 
 
 def _check_matrix(ccm: Matrix, cfa: str) -> None:
     rows = np.array(ccm)
-    for place, total in enumerate(rows.sum(1), start=1):
+    for number, total in enumerate(rows.sum(1), start=1):
         if abs(total - 1) > _ROW_TOLERANCE:
             must = "each must sum to 1, so that white stays white"
-            raise ValueError(f"ccm: row {place} sums to {total:g}; {must}")
+            raise ValueError(f"ccm: row {number} sums to {total:g}; {must}")
     if cfa in (*PLANES, "RCCC"):
         raise ValueError(f"ccm: cfa = {cfa!r} has no colours of its own to correct; must be None")
     if abs(np.linalg.det(rows)) < 1e-6 or np.abs(np.linalg.inv(rows)).max() > _LARGEST_INVERSE:
@@ -165,6 +165,7 @@ def toned(light: Tensor, curve: ToneCurve) -> Tensor:
     if isinstance(curve, str):
         value = srgb_from_linear(light)
         return value if curve == "srgb" else value * value * (3 - 2 * value)
+    # Linear interpolation by hand: torch has none, and this passes gradients to light and values.
     at, values = light.new_tensor(curve).unbind(-1)
     light = light.clamp(0.0, 1.0)
     last = torch.searchsorted(at[1:-1].contiguous(), light.detach().contiguous(), right=True)

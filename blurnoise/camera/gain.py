@@ -38,7 +38,7 @@ class ConversionGain:
 class MeasuredGain:
     """A camera's figures as measured at a gain.
 
-    gain_db: above 0 dB, at which the camera's own figures are. system_gain_dn_per_e: K there. read_noise_e: rms,
+    gain_db: above 0 dB, where the sensor's own figures hold. system_gain_dn_per_e: K there. read_noise_e: rms,
     referred to the input. black_level_dn: offset before rounding. Raises ``TypeError`` or ``ValueError``.
     """
 
@@ -52,12 +52,12 @@ class MeasuredGain:
 
 
 def fault(
-    own: MeasuredGain,
+    at_0_db: MeasuredGain,
     gains: Sequence[MeasuredGain],
     conversion_gains: Sequence[ConversionGain],
     last_db: float,
 ) -> str:
-    """What is wrong with a camera's gains up to ``last_db``; "" where nothing is. own: its figures at 0 dB."""
+    """The first fault in a sensor's gains up to ``last_db``, "" if none. at_0_db: the sensor's figures there."""
     starts, gains_db = [row.from_db for row in conversion_gains], [row.gain_db for row in gains]
     if sorted({*starts}) != starts or any(not 0 < start <= last_db for start in starts):
         must = f"must increase, above 0 and up to analogue_gain_max_db, {last_db:g}"
@@ -66,24 +66,25 @@ def fault(
         return "gains: are measured whatever the conversion gain; conversion_gains must be empty beside them"
     if sorted({*gains_db}) != gains_db or any(gain_db > last_db for gain_db in gains_db):
         return f"gains: gain_db are {shown(gains_db)}; must increase, up to analogue_gain_max_db, {last_db:g}"
-    if gains and gains_db[0] == 0 and gains[0] != own:
+    if gains and gains_db[0] == 0 and gains[0] != at_0_db:
         names = "system_gain_dn_per_e, read_noise_e and black_level_dn"
-        return f"gains: {shown(gains[0])}: at 0 dB must repeat the camera's own {names}, {shown(own)}"
+        return f"gains: {shown(gains[0])}: at 0 dB must repeat the camera's own {names}, {shown(at_0_db)}"
     return ""
 
 
-def measured(own: MeasuredGain, gains: Sequence[MeasuredGain], gain_db: float) -> MeasuredGain:
-    """A camera's figures at a gain, of its own at 0 dB and those measured at other gains.
+def measured(at_0_db: MeasuredGain, gains: Sequence[MeasuredGain], gain_db: float) -> MeasuredGain:
+    """Interpolate a sensor's figures at a gain between those at 0 dB and those measured at other gains.
 
-    Between two rows the logarithms of K and read noise and the black level are linear in dB; beyond the last one K
-    follows the dB, and the rest stays.
+    Between two rows, log K, log read noise and the black level are linear in dB. Beyond the last row K follows the
+    dB, and read noise and black level stay.
 
     >>> at_0_db, at_12_db = MeasuredGain(0.0, 0.4, 2.4, 6.0), MeasuredGain(12.0, 1.6, 2.0, 8.0)
     >>> found = measured(at_0_db, [at_12_db], 6.0)
     >>> round(found.system_gain_dn_per_e, 3), round(found.read_noise_e, 2), found.black_level_dn
     (0.8, 2.19, 7.0)
     """
-    rows = [own, *(row for row in gains if row.gain_db > 0)]
+    # In logarithms: amplifiers step in dB, and K measured between two steps lies on the line between them.
+    rows = [at_0_db, *(row for row in gains if row.gain_db > 0)]
     for low, high in pairwise(rows):
         if gain_db <= high.gain_db:
             over = (gain_db - low.gain_db) / (high.gain_db - low.gain_db)
@@ -97,8 +98,8 @@ def measured(own: MeasuredGain, gains: Sequence[MeasuredGain], gain_db: float) -
     return replace(rows[-1], gain_db=gain_db, system_gain_dn_per_e=rows[-1].system_gain_dn_per_e * factor)
 
 
-def by_law(own: MeasuredGain, row: ConversionGain, gain_db: float) -> MeasuredGain:
-    """A camera's figures at a gain, of its own at 0 dB and its row of conversion gains.
+def by_law(at_0_db: MeasuredGain, row: ConversionGain, gain_db: float) -> MeasuredGain:
+    """Compute a sensor's figures at a gain from those at 0 dB and the row of its conversion gain.
 
     >>> found = by_law(MeasuredGain(0.0, 0.4, 2.4, 6.0), ConversionGain(0.0, 1e4, 2.4, 0.5), 20.0)
     >>> found.system_gain_dn_per_e, round(found.read_noise_e, 2)
@@ -107,7 +108,7 @@ def by_law(own: MeasuredGain, row: ConversionGain, gain_db: float) -> MeasuredGa
     share, over_row = row.read_noise_post_share, 10 ** ((gain_db - row.from_db) / 20)
     return MeasuredGain(
         gain_db,
-        own.system_gain_dn_per_e * 10 ** (gain_db / 20),
+        at_0_db.system_gain_dn_per_e * 10 ** (gain_db / 20),
         row.read_noise_e * math.sqrt(1 - share + share / over_row**2),
-        own.black_level_dn,
+        at_0_db.black_level_dn,
     )

@@ -79,23 +79,23 @@ class Distortion:
         """Whether a direction is imaged elsewhere than by a pinhole."""
         return self.model == "fisheye" or any(self.coefficients)
 
-    def distorted(self, seen: Floats) -> Floats:
+    def distorted(self, rays: Floats) -> Floats:
         """Image of directions through the lens."""
-        x, y = seen
+        x, y = rays
         squared = x * x + y * y
         if self.model == "fisheye":
             r = np.sqrt(squared)
             ratio = np.where(r > 1e-8, self._fisheye(np.arctan(r)) / np.maximum(r, 1e-8), 1.0)
-            return np.asarray(seen * ratio)
+            return np.asarray(rays * ratio)
         p1, p2 = self.coefficients[2:4]
         ratio, cross = self._rational(squared), 2 * x * y
         along = x * ratio + p1 * cross + p2 * (squared + 2 * x * x)
         return np.stack([along, y * ratio + p1 * (squared + 2 * y * y) + p2 * cross])
 
     def undistorted(self, image: Floats) -> Floats:
-        """The directions that the lens images there: from the radial part, then by Newton's method.
+        """Invert the distortion: Newton's method, which starts from the inverse of the radial part.
 
-        Raises ``ValueError`` where there is none before the model folds back, or beyond 89.9 degrees from the axis.
+        Raises ``ValueError`` for images beyond the model's fold, or beyond 89.9 degrees from the axis.
         """
         wanted = np.hypot(*image)
         r, reached = _branch(self)
@@ -117,14 +117,14 @@ class Distortion:
             raise ValueError(f"cannot be inverted over the picture; misses by {miss:.2g} focal lengths")
         return found
 
-    def before_fold(self, seen: Floats) -> Floats:
-        """Directions, those beyond where the model folds back drawn in to there."""
-        r, last = np.hypot(*seen), float(_branch(self)[0][-1])
-        return np.asarray(seen * np.where(r > last, last / np.maximum(r, 1e-12), 1.0))
+    def before_fold(self, rays: Floats) -> Floats:
+        """Directions, with those beyond the model's fold moved in to the fold."""
+        r, last = np.hypot(*rays), float(_branch(self)[0][-1])
+        return np.asarray(rays * np.where(r > last, last / np.maximum(r, 1e-12), 1.0))
 
-    def _slopes(self, seen: Floats, dx: float, dy: float) -> Floats:
-        step = _column((dx, dy), seen)
-        return (self.distorted(seen + step) - self.distorted(seen - step)) / (2 * _STEP)
+    def _slopes(self, rays: Floats, dx: float, dy: float) -> Floats:
+        step = _column((dx, dy), rays)
+        return (self.distorted(rays + step) - self.distorted(rays - step)) / (2 * _STEP)
 
     def _fisheye(self, angle: Floats) -> Floats:
         t, (k1, k2, k3, k4) = angle * angle, self.coefficients
@@ -138,7 +138,7 @@ class Distortion:
 
 @lru_cache(maxsize=16)
 def _branch(lens: Distortion) -> tuple[Floats, Floats]:
-    """Radii from 0 to where the radial part stops growing, and where the lens images them."""
+    """Radii from 0 to the fold, where the radial part stops growing, and their images."""
     angle = np.linspace(0.0, _STEEPEST_RAD, _KNOTS)
     r = np.tan(angle)
     with np.errstate(all="ignore"):
@@ -219,8 +219,8 @@ class Lens:
 
 
 Size = tuple[int, int]  # of a picture, (H, W)
-_COARSE = 33  # points along an axis on which a smooth field is looked at
-_AROUND = 64  # points of an ellipse
+_COARSE = 33  # samples along an axis: distortion is smooth, so its maximum needs no finer grid
+_AROUND = 64  # points on an ellipse
 
 
 @dataclass(frozen=True)
@@ -275,22 +275,22 @@ class Field:
         return np.asarray(away / (self.corner_px * self.per_sensor_px(size)))
 
     def directions(self, points: Floats, size: Size) -> Floats:
-        """The directions (X/Z, Y/Z) that points of a picture see."""
-        seen, shape = self._pinhole_directions(points, size), self.distortion
-        return shape.undistorted(seen) if shape and shape.displaces else seen
+        """Directions (X/Z, Y/Z) of points in a picture."""
+        rays, shape = self._pinhole_directions(points, size), self.distortion
+        return shape.undistorted(rays) if shape and shape.displaces else rays
 
-    def imaged(self, seen: Floats, size: Size) -> Floats:
-        """Points at which the lens images directions."""
+    def imaged(self, rays: Floats, size: Size) -> Floats:
+        """Points at which the lens images directions (X/Z, Y/Z)."""
         if self.distortion:
-            seen = self.distortion.distorted(self.distortion.before_fold(seen))
-        return self._pinhole_points(seen, size)
+            rays = self.distortion.distorted(self.distortion.before_fold(rays))
+        return self._pinhole_points(rays, size)
 
-    def moved(self, points: Floats, size: Size) -> Floats:
-        """Points of the pinhole's picture after the lens."""
+    def from_pinhole(self, points: Floats, size: Size) -> Floats:
+        """Map points of a pinhole's picture to the lens's picture."""
         return self.imaged(self._pinhole_directions(points, size), size) if self.distortion else points
 
-    def seen(self, points: Floats, size: Size) -> Floats:
-        """Points of the pinhole's picture that points of the picture see, the inverse of :meth:`moved`."""
+    def to_pinhole(self, points: Floats, size: Size) -> Floats:
+        """Map points of the lens's picture to a pinhole's, the inverse of :meth:`from_pinhole`."""
         return self._pinhole_points(self.directions(points, size), size)
 
     def moved_boxes(self, boxes_xyxy: Floats, size: Size) -> Floats:
@@ -299,14 +299,14 @@ class Field:
         turn = np.arange(_AROUND) * (2 * np.pi / _AROUND)
         low, high = boxes_xyxy.T[:2, :, None] - 0.5, boxes_xyxy.T[2:, :, None] - 0.5
         ellipses = (low + high) / 2 + (high - low) / 2 * np.stack([np.cos(turn), np.sin(turn)])[:, None]
-        seen = self.moved(ellipses, size)
-        return np.asarray(0.5 + np.concatenate([seen.min(-1), seen.max(-1)]).T)
+        hulls = self.from_pinhole(ellipses, size)
+        return np.asarray(0.5 + np.concatenate([hulls.min(-1), hulls.max(-1)]).T)
 
     def _axis_px(self, points: Floats, size: Size) -> Floats:
         """The optical axis in a picture."""
         centre = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
-        own = (self.distortion.centre_px if self.distortion else ()) or centre
-        off = [x - half for x, half in zip(own, centre, strict=True)]
+        calibrated = (self.distortion.centre_px if self.distortion else ()) or centre
+        off = [x - half for x, half in zip(calibrated, centre, strict=True)]
         scale = self.per_sensor_px(size)
         return _column(((size[1] - 1) / 2 + off[0] * scale, (size[0] - 1) / 2 + off[1] * scale), points)
 
@@ -314,9 +314,9 @@ class Field:
         focal = _column(self.focal_px, points) * self.per_sensor_px(size)
         return np.asarray((points - self._axis_px(points, size)) / focal)
 
-    def _pinhole_points(self, seen: Floats, size: Size) -> Floats:
-        moved = seen * _column(self.focal_px, seen) * self.per_sensor_px(size)
-        return np.asarray(self._axis_px(seen, size) + moved)
+    def _pinhole_points(self, rays: Floats, size: Size) -> Floats:
+        from_axis_px = rays * _column(self.focal_px, rays) * self.per_sensor_px(size)
+        return np.asarray(self._axis_px(rays, size) + from_axis_px)
 
 
 @lru_cache(maxsize=256)
@@ -330,10 +330,10 @@ def farthest_px(field: Field) -> float:
     (height, width), share = field.size, np.linspace(0.0, 1.0, _COARSE)
     points = np.stack(np.meshgrid(share * width - 0.5, share * height - 0.5))
     try:
-        seen = field.seen(points, field.size)
+        rays = field.to_pinhole(points, field.size)
     except ValueError as error:
         raise ValueError(f"lens.distortion: {error}") from None
-    return float(np.hypot(*(seen - points)).max())
+    return float(np.hypot(*(rays - points)).max())
 
 
 @lru_cache(maxsize=8)
@@ -357,23 +357,23 @@ def least_light(field: Field) -> float:
 
 @lru_cache(maxsize=2)
 def sources(field: Field, size: Size) -> Floats:
-    """Points (2, H, W) of the pinhole's picture that the pixels see."""
-    return field.seen(pixels(size), size)
+    """Points (2, H, W) of the pinhole's picture that the pixels show."""
+    return field.to_pinhole(pixels(size), size)
 
 
 @lru_cache(maxsize=2)
 def inside(field: Field, size: Size) -> Floats | None:
-    """Share (H, W) of each pixel that sees the pinhole's picture; None where every pixel sees it entirely."""
+    """Share (H, W) of each pixel that lies in the pinhole's picture; None if all do entirely."""
     x, y = sources(field, size)
     shares = np.ones(size)
-    for places, length in ((x, size[1]), (y, size[0])):
-        shares *= np.clip(np.minimum(places + 1, length - places), 0, 1)
+    for positions, length in ((x, size[1]), (y, size[0])):
+        shares *= np.clip(np.minimum(positions + 1, length - positions), 0, 1)
     return None if (shares == 1).all() else shares
 
 
 @lru_cache(maxsize=4)
 def larger(field: Field, share: float, size: Size) -> Floats:
-    """Points (2, H, W) of the picture that the pixels of one larger by ``share`` show."""
+    """Points (2, H, W) at which a picture is sampled to magnify it by 1 + ``share`` about the optical axis."""
     points = pixels(size)
     axis = field._axis_px(points, size)
     return np.asarray(axis + (points - axis) / (1 + share))

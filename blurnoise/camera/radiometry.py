@@ -65,13 +65,14 @@ def filter_electrons(camera: Camera, illuminant: str | Curve = "D55") -> Mapping
     >>> {letter: round(number) for letter, number in electrons.items()}
     {'R': 2583, 'G': 2845, 'B': 1563}
     """
+    # A lens of f-number N lights the sensor with E tau / (4 N^2); a pixel collects that over its area.
     on_sensor_um2 = camera.sensor.pixel_pitch_um**2 * camera.lens.transmission / (4 * camera.lens.f_number**2)
     curves = camera.sensor.quantum_efficiency
-    each = {"": curves}
+    by_letter = {"": curves}
     if isinstance(curves, FilterCurves):
-        each = {letter: curves.of(letter) for letter in camera.sensor.cfa}
-    photons = {letter: photons_per_lux_s_um2(illuminant, (curve,)) for letter, curve in each.items()}
-    return MappingProxyType({letter: on_sensor_um2 * each for letter, each in photons.items()})
+        by_letter = {letter: curves.of(letter) for letter in camera.sensor.cfa}
+    photons = {letter: photons_per_lux_s_um2(illuminant, (curve,)) for letter, curve in by_letter.items()}
+    return MappingProxyType({letter: on_sensor_um2 * number for letter, number in photons.items()})
 
 
 @lru_cache(maxsize=64)
@@ -93,13 +94,13 @@ def colour_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[floa
 
 @lru_cache(maxsize=64)
 def clear_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, float, float]:
-    """Shares of red, green and blue in what clear pixels beside red and blue ones (RCCB) collect of white light."""
+    """Shares of red, green and blue in the electrons of clear pixels of an RCCB mosaic under white light."""
     electrons = filter_electrons(camera, illuminant)
     red, blue, clear = (electrons[letter] for letter in "RBC")
     if not clear - red - blue > _LEAST_GREEN * clear:
         raise ValueError(
             f"quantum_efficiency: clear makes {clear:.4g} electrons per lux s, red {red:.4g}, blue {blue:.4g}; "
-            f"cfa = 'RCCB' makes green of what clear has more, at least {_LEAST_GREEN:.0%} of it"
+            f"cfa = 'RCCB' takes green from the difference, which must be at least {_LEAST_GREEN:.0%} of it"
         )
     return red / clear, (clear - red - blue) / clear, blue / clear
 
@@ -141,15 +142,15 @@ def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") ->
         return light
     planes(camera, light.shape[1])
     quick = plain(light)  # NumPy wakes no threads
-    seen: Any = light.detach().numpy() if quick else light
+    source: Any = light.detach().numpy() if quick else light
     out = torch.empty_like(light[:, :1], requires_grad=False, memory_format=torch.contiguous_format)
     to: Any = out.numpy() if quick else out
     if camera.sensor.cfa == "mono":
-        to[:, 0] = _weighted(seen, weights(camera, illuminant)[0])
+        to[:, 0] = _weighted(source, weights(camera, illuminant)[0])
         return out
     for site, of_site in enumerate(weights(camera, illuminant)):
         y, x = divmod(site, 2)
-        to[:, 0, y::2, x::2] = _weighted(seen[..., y::2, x::2], of_site).clip(min=0.0)
+        to[:, 0, y::2, x::2] = _weighted(source[..., y::2, x::2], of_site).clip(min=0.0)
     return out
 
 
@@ -180,4 +181,4 @@ def _weighted(light: Any, row: Row) -> Any:
     """The weighted sum of the channels of (B, C, H, W), an array or a tensor."""
     if light.shape[1] == 1:
         return light[:, 0] * sum(row)
-    return reduce(add, [light[:, place] * weight for place, weight in enumerate(row) if weight])
+    return reduce(add, [light[:, channel] * weight for channel, weight in enumerate(row) if weight])

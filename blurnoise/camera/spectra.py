@@ -27,7 +27,7 @@ BOLTZMANN_J_K = 1.380649e-23
 LUMENS_PER_WATT = 683.0
 VISIBLE_NM = (400.0, 700.0)  # the band that a plain number (a quantum efficiency, a transmission) covers
 _ILLUMINANTS = "must be D50, D55, D65, D75, planck:KELVIN or a Curve"
-_OVER = 0.05  # of its peak: a curve that ends below it is over, one above it was cut short
+_OVER = 0.05  # of the peak: a curve that ends above it was cut short, one that ends below has faded
 
 Floats = NDArray[np.float64]
 
@@ -169,31 +169,31 @@ def photons_per_lux_s_um2(
 
 @lru_cache(maxsize=64)
 def cut_short(response: Curve) -> str:
-    """Where a response ends within ``VISIBLE_NM`` above 5 % of its peak, and what its last value would add of D55.
+    """Note on a response that ends inside ``VISIBLE_NM`` above 5 % of its peak, with the D55 light that it misses.
 
     >>> cut_short(Curve((470.0, 700.0), (0.5, 0.1)))
     'begins at 470 nm with 100% of its peak, counted as 0 beyond, +33.5% of white if held'
     """
     nm, values, peak = response.wavelengths_nm, response.values, max(response.values)
     ends: list[str] = []
-    held = dict(zip(nm, values, strict=True))
+    extended = dict(zip(nm, values, strict=True))
     low, high = VISIBLE_NM
     if nm[0] > low and values[0] > _OVER * peak:
-        held[low] = values[0]
+        extended[low] = values[0]
         ends.append(f"begins at {nm[0]:g} nm with {values[0] / peak:.0%} of its peak")
     if nm[-1] < high and values[-1] > _OVER * peak:
-        held[high] = values[-1]
+        extended[high] = values[-1]
         ends.append(f"ends at {nm[-1]:g} nm with {values[-1] / peak:.0%} of its peak")
     if not ends:
         return ""
-    whole = Curve(tuple(sorted(held)), tuple(held[each] for each in sorted(held)))
-    stated, possible = (photons_per_lux_s_um2("D55", (curve,)) for curve in (response, whole))
-    more = f", +{possible / stated - 1:.1%} of white if held" if stated > 0 else ""
+    whole = Curve(tuple(sorted(extended)), tuple(extended[nm] for nm in sorted(extended)))
+    counted, possible = (photons_per_lux_s_um2("D55", (curve,)) for curve in (response, whole))
+    more = f", +{possible / counted - 1:.1%} of white if held" if counted > 0 else ""
     return f"{' and '.join(ends)}, counted as 0 beyond{more}"
 
 
 def _integral(factors: Sequence[Spectrum], band_nm: tuple[float, float], power_of_nm: int = 0) -> float:
-    """Integral over the wavelength of a product, where every curve has samples; steps of at most 1 nm."""
+    """Integrate a product over the wavelengths that all curves cover, in steps of at most 1 nm."""
     curves = [factor for factor in factors if isinstance(factor, Curve)]
     low = max(band_nm[0], *(curve.wavelengths_nm[0] for curve in curves))
     high = min(band_nm[1], *(curve.wavelengths_nm[-1] for curve in curves))

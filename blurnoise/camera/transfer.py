@@ -32,8 +32,8 @@ def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:
     return sinc(fx * dx + fy * dy)
 
 
-_MOST_LOST = 1.2173  # 1 - sinc, where it is deepest
-_LEFT = 0.05  # of modulation at the end of a curve that ends before the pixels do
+_MOST_LOST = 1.2173  # 1 - sinc at the sinc's minimum
+_LEFT = 0.05  # modulation at which a curve may end below the Nyquist frequency
 
 
 def motion_error(dx_px: float, dy_px: float) -> float:
@@ -101,7 +101,8 @@ def sinc(x: Tensor) -> Tensor:
     """Normalised sinc, sin(pi x) / (pi x)."""
     if differentiable(x):
         return torch.sinc(x)
-    phase = (x * math.pi).add_(1e-30)  # nothing but 0 changes; torch.sinc treats 0 too, ten times slower
+    # The addend avoids 0 / 0 and is lost elsewhere; torch.sinc, which has a mask for it, takes ten times as long.
+    phase = (x * math.pi).add_(1e-30)
     return torch.sin(phase).div_(phase)
 
 
@@ -146,7 +147,7 @@ class Mtf:
 
     @property
     def lost(self) -> float:
-        """1 - value, at most, over the band of a sampled picture, to its corner."""
+        """Largest loss of modulation, 1 - value, in the band of a sampled picture, corners included."""
         f = torch.arange(129, dtype=torch.float64) / 256
         return float((1 - self.at(torch.hypot(f, f[:, None]))).abs().max())
 

@@ -90,7 +90,7 @@ class Distortion(_OverTheField):
         return torch.from_numpy(moved).to(boxes_xyxy)
 
     def origins(self, points: Floats, at: Resolved[float]) -> Floats:
-        return at.camera.field.seen(points, at.size or at.camera.field.size)
+        return at.camera.field.to_pinhole(points, at.size or at.camera.field.size)
 
 
 class LateralColour(_OverTheField):

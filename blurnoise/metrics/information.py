@@ -3,15 +3,17 @@
 Domain: linear digital numbers with the black level removed, frequencies in cycles/px. ``power`` is |MTF|²; where it
 is measured, its noise floor has been subtracted, and it may dip below 0.
 
-Functions of curves are differentiable and broadcast against ``power``; NaN in a curve gives NaN for it. A frequency
-axis rises from 0 to 1/2 or beyond and stands for both signs. Integrals are trapezoidal, cut at 1/2: pad the line
-spread function to twice its length, or more, since power is resolved every 1/(2w) cycles/px only.
+Functions of curves are differentiable and broadcast against ``power``; NaN in a curve gives NaN. A frequency axis
+rises from 0 to 1/2 or beyond and represents both signs. Integrals are trapezoidal and end at 1/2. Power is resolved
+every 1/(2w) cycles/px only, so pad a line spread function to at least twice its length.
 
-Functions of edges take :func:`blurnoise.metrics.slanted_edge`'s with a bootstrap, and give 95 % intervals. They
-assume white noise; where it certainly is not, NEQ(0) takes its power at frequency 0, and the flag is
-"noise_not_white". Noise biases log2(1 + S/N) with power cut at 0 (+53 % for 20 px of motion at CNR 20); resamples
-carry it twice, so their mean C* is off by twice as much as the plain C: the value is 2C - C* (+1 %), at least 0, and
-the interval theirs, moved to it. All raise ``TypeError`` or ``ValueError`` that names the argument.
+Functions of edges take measurements by :func:`blurnoise.metrics.slanted_edge` with a bootstrap, and return 95 %
+intervals. They assume white noise; if it significantly is not, NEQ(0) uses its power at frequency 0, and the flag is
+"noise_not_white". Noise biases log2(1 + S/N) of power clipped at 0 (+53 % for 20 px of motion at CNR 20). Resamples
+contain the noise twice, so the bias of their mean C* is twice that of the plain C: the value is 2C - C* (bias 1 %),
+at least 0, and the interval is theirs, shifted to it.
+
+All raise ``TypeError`` or ``ValueError`` that names the argument.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from blurnoise.metrics.values import Estimate
 Number = float | Tensor
 NOT_WHITE = "noise_not_white"
 NYQUIST = 0.5
-_LEAST = -0.9  # of S/N, where noise has taken a measured power below 0
+_LEAST = -0.9  # of S/N: noise can make a measured power negative, and log2(1 + S/N) needs S/N > -1
 _GRID = torch.arange(129, dtype=torch.float64) / 256
 """Cycles/px of both axes of two-dimensional integrals: half the step that 128 px resolve."""
 _RESAMPLES_2D = 60
@@ -111,7 +113,7 @@ def ideal_observer_snr(difference: Tensor, *, power: Number, noise_power_spectru
             f"power, noise_power_spectrum: must be numbers or end in {tuple(target.shape[-2:])}, "
             f"got {tuple(signal.shape)} and {tuple(noise.shape)}"
         )
-    return squared.mean((-2, -1)).clamp(min=0).sqrt()  # one clip, after the sum
+    return squared.mean((-2, -1)).clamp(min=0).sqrt()  # clipped after the sum, where noise has averaged out
 
 
 def square_integral(frequency_x: Tensor, frequency_y: Tensor, density: Tensor) -> Tensor:
@@ -123,7 +125,7 @@ def square_integral(frequency_x: Tensor, frequency_y: Tensor, density: Tensor) -
 
 
 def capacity_radial(edge: SlantedEdge) -> Estimate:
-    """:func:`shannon_capacity_radial` of an edge, bits/px; correct for a blur that is the same in all directions."""
+    """:func:`shannon_capacity_radial` of an edge, bits/px; exact for isotropic blur."""
 
     def bits(at: _Draws) -> Tensor:
         power = at.power.clamp_min(0)
@@ -196,7 +198,7 @@ class _Draws(NamedTuple):
 def _draws(
     edges: list[SlantedEdge], sources: Sequence[SlantedEdge | Resamples], grid: Tensor | None
 ) -> _Draws:
-    """The sources' numbers: the edges themselves, one draw, or their resamples."""
+    """The sources' numbers; the sources are the edges themselves, one draw, or their resamples."""
     curves, levels = [], []
     for edge, source in zip(edges, sources, strict=True):
         power, *level = (
@@ -248,7 +250,7 @@ def _interval(drawn: Tensor) -> tuple[float, float]:
 
 
 def _flags(*edges: SlantedEdge) -> frozenset[str]:
-    """The edges' flags, and one where noise is not white; NaN, of an edge without numbers, sets none."""
+    """The edges' flags, and one if their noise is not white (an edge without numbers has NaN, which raises none)."""
     coloured = {NOT_WHITE for edge in edges if abs(edge.noise_power_at_0 - 1) > 0}
     return frozenset(coloured | {flag.name.lower() for edge in edges for flag in edge.flags})
 
@@ -284,5 +286,5 @@ def _weights(axis: Tensor) -> Tensor:
 
 
 def _sum(curve: Tensor, weights: Tensor) -> Tensor:
-    used = weights != 0  # an infinite value outside the band is not there
+    used = weights != 0  # so that infinite values outside the band do not count
     return (curve[..., used] * weights[used]).sum(-1)

@@ -21,13 +21,13 @@ from blurnoise.metrics import values
 from blurnoise.metrics.values import BatchEstimate
 
 Z = NormalDist().inv_cdf(0.975)
-TREND_SHARE = 0.1  # variance of the trend over that of the noise from which on a patch is not even
+TREND_SHARE = 0.1  # variance of the trend over the noise's from which on a patch is not uniform
 FEWEST_PIXELS = 100  # below it the deviation is known to 7 % at best: the normal interval is too narrow
 SSIM_WINDOW_PX = 11  # Gaussian of sigma 1.5 px, Z. Wang et al. 2004
 
 
 def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) -> BatchEstimate:
-    """SNR of an even patch (..., H, W), mean over standard deviation as a ratio.
+    """SNR of a uniform patch (..., H, W): mean over standard deviation, a ratio.
 
     A surface of second order, with six degrees of freedom, is subtracted to remove shading; the flag "non_uniform"
     tests for it. limits_dn: smallest and largest value of a pixel, black level removed; by default 0 and 255 for 8
@@ -57,10 +57,12 @@ def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) ->
     snr = torch.where(finite, mean / std, math.nan)
     margin = Z * torch.sqrt(1 / count + snr**2 / (2 * freedom))
     margin = torch.where(torch.isfinite(margin), margin, math.nan)
-    seen = TREND_SHARE + 5 * (order - 1) / count  # noise alone has a trend, too: on average (order - 1)/count
+    tolerated = (
+        TREND_SHARE + 5 * (order - 1) / count
+    )  # noise alone has a trend of (order - 1)/count on average
     flags = {
         "clipped": _clipped(patch, limits_dn),
-        "non_uniform": finite & (trend_variance > seen * noise_variance + rounding**2),
+        "non_uniform": finite & (trend_variance > tolerated * noise_variance + rounding**2),
         "noiseless": std == 0,
         "too_few_pixels": torch.full_like(finite, count < FEWEST_PIXELS),
         "not_finite": ~finite,
@@ -82,7 +84,7 @@ class PatchContrast(NamedTuple):
 def patch_contrast(bright: Tensor, dark: Tensor) -> PatchContrast:
     """Michelson contrast and contrast-to-noise ratio of two patches (..., H, W) of any sizes, of two pixels or more.
 
-    Neither clipping nor shading is tested: :func:`patch_snr` does that. Intervals: normal, with the means' and
+    Clipping and shading are not tested; see :func:`patch_snr`. Intervals: normal, with the means' and
     variances' sampling errors carried through to first order. Flags: "noiseless", both variances are 0, so cnr is
     infinite or NaN without interval; of michelson "near_black", a mean is less than three of its own standard errors
     above black.

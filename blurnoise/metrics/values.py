@@ -26,7 +26,7 @@ _FULL_SCALE = {torch.uint8: 255.0, torch.uint16: 65535.0, torch.float32: 1.0, to
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with its 95 % interval, ``low`` to ``high``, NaN if missing; flags say why it is NaN or doubtful.
+    """A number with its 95 % interval, ``low`` to ``high``, NaN if missing. flags: why it is NaN or doubtful.
 
     >>> Estimate(2.0, 1.0, 3.0) * 10.0
     Estimate(value=20.0, low=10.0, high=30.0, flags=frozenset())
@@ -74,7 +74,7 @@ def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
 
 
 def beside(name: str, value: float | Tensor, like: Tensor, *, low: float = -math.inf) -> Tensor:
-    """``value`` as float64 on ``like``'s device. Raises ``ValueError`` where it is below ``low``, or shapes clash."""
+    """``value`` as float64 on ``like``'s device. Raises ``ValueError`` below ``low`` and for shapes that clash."""
     tensor = checks.real_tensor(name, value).to(like.device, torch.float64)
     try:
         torch.broadcast_shapes(tensor.shape, like.shape)  # type: ignore[no-untyped-call]
@@ -140,7 +140,7 @@ def read_regions(image: Tensor, *, full_scale: float | None, black_level: float,
         largest = float(highest[finite].max())
         raise ValueError(f"image: holds {largest:g}, above full_scale = {top:g}; specify its full_scale")
     floor = lowest.clamp(max=0.0)[:, None, None, None]
-    at_limit = ((raw >= top) | (raw <= floor)).any(1)  # a channel alone can clip: luminance would hide it
+    at_limit = ((raw >= top) | (raw <= floor)).any(1)  # a single channel can clip, which luminance would hide
     clipped = at_limit.double().mean((1, 2)) > CLIPPED_SHARE
     weights = raw.new_tensor(LUMINANCE if raw.shape[1] == 3 else [1.0])
     return Regions(torch.einsum("bchw,c->bhw", raw, weights) - black, raw, clipped, finite)

@@ -346,7 +346,7 @@ def _flat_curve_error(camera: Camera, illuminant: str | Curve) -> float:
 
     curves = camera.sensor.quantum_efficiency
     if isinstance(curves, FilterCurves):
-        even: float | FilterCurves = FilterCurves(**{name: mean(curve) for name, curve in curves.stated()})
+        even: float | FilterCurves = FilterCurves(**{name: mean(curve) for name, curve in curves.items()})
     else:
         even = mean(curves)
     flat = electrons_per_lux_s(camera.with_figures(quantum_efficiency=even), illuminant)

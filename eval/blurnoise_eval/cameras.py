@@ -98,7 +98,7 @@ def figures(camera: Camera) -> Table:
 
 def _shown(value: object) -> str:
     if isinstance(value, FilterCurves):
-        return "\n".join(f"{name}: {_shown(curve)}" for name, curve in value.stated())
+        return "\n".join(f"{name}: {_shown(curve)}" for name, curve in value.items())
     if isinstance(value, tuple) and len(value) > _MOST_ROWS:
         return f"{len(value)} points"
     if isinstance(value, tuple) and value and all(isinstance(row, tuple) for row in value):

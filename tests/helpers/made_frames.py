@@ -40,6 +40,14 @@ def drawn_camera(seed):
     )
 
 
+CAMERA = drawn_camera(2).with_figures(
+    full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=4.0, prnu=0.01, dsnu_e=2.0, black_level_dn=20.0,
+    bit_depth=12,
+)  # fmt: skip
+"""12 bits; noise in the dark of 1.6 DN, so that rounding adds 1/12."""
+LOUDER = CAMERA.with_figures(read_noise_e=6.0, prnu=0.005, dsnu_e=1.0, black_level_dn=60.0)
+
+
 def from_photons(photons, camera, **taken):
     """Digital numbers of mean photons per pixel, (B, C, H, W)."""
     return read_out(photons, camera, white_e=camera.sensor.quantum_efficiency, **taken)

@@ -1,6 +1,6 @@
-"""Faults of an edge: what no lens, no motion and no pixel does to a step.
+"""Faults of an edge: shapes that no lens, motion or pixel can make of a step.
 
-A shape that no blur makes is held against its standard error, by bootstrap over rows in closed form, and against a
+A fault is reported if it exceeds both its standard error, from a closed-form bootstrap over rows, and the smallest
 size that matters. Domain: splines scaled to 0 and 1, distances in px along the normal, frequencies in cycles/px.
 """
 
@@ -15,12 +15,12 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from blurnoise._core.luminance import LUMINANCE
-from blurnoise.metrics.edge.place import NOISELESS, Sides, cosine, find_line
+from blurnoise.metrics.edge.position import NOISELESS, Sides, cosine, find_line
 from blurnoise.metrics.edge.spline import CHI_SQUARE_MEDIAN, KNOT_PX, Spline
 
-FALSE_ALARM = 1e-3  # of a test, whatever the number of places it looks at
+FALSE_ALARM = 1e-3  # probability per test, however many positions it examines
 OVERSHOOT = 0.008  # of the step, beyond one of its sides
-NEGATIVE = 0.04  # of the light, in half a pixel, by which light before the pixels may be below 0
+NEGATIVE = 0.04  # of the step, by which the light in half a pixel may be below 0
 DIP = 0.5  # of the lower neighbour, by which the line spread may dip between two humps
 DISPLACED = 0.02  # of MTF50, that displaced rows or colours may cost
 UNEVEN_NOISE, UNEVEN_SMOOTH = 12.0, 2.5
@@ -29,10 +29,10 @@ SMOOTH_NOISE = 7.5  # power at frequency 0, over the variance, of noise that a f
 MEDIAN_ERROR = 1.65  # standard error of a median of n chi squares over that of their mean, sqrt(2/n)
 QUIETER = 0.8  # variance of the bright side's noise over the dark one's: light adds noise
 CERTAIN = 5.0  # standard errors of noise that differs from what light makes of it
-COLOURS_CERTAIN = 2.2  # errors of the distance between colours: of 400 grey edges none has 1.1
-LEVELS = 2.0  # error of a colour's place over that from its rows alone: the levels that place it have errors
-UNEVEN = 0.025  # mean misfit of a block, of the step, that counts as noise at least: shading and curves leave as much
-BLOCK_PX, ODD_BLOCK = 5, 6.0  # standard errors by which the mean of a block must be off the edge's shape
+COLOURS_CERTAIN = 2.2  # errors of the distance between colours; the largest of 400 grey edges was 1.1
+LEVELS = 2.0  # factor on a colour's position error from its rows: the levels of its sides have errors, too
+UNEVEN = 0.025  # least noise of a block's mean misfit, of the step: shading and curved edges cause as much
+BLOCK_PX, ODD_BLOCK = 5, 6.0  # side of a block; standard errors by which its mean must miss the edge's shape
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Shape:
 
     @cached_property
     def rows_together(self) -> int:
-        """Rows whose noise belongs together; at least 16 of them are kept apart."""
+        """Number of rows with correlated noise that a bootstrap draws together; at least 16 such blocks remain."""
         return max(1, min(int(self.sides.block.max()), self.position_px.shape[1] // 16))
 
     @cached_property
@@ -55,13 +55,13 @@ class Shape:
 
     @cached_property
     def free(self) -> Tensor:
-        """1 for coefficients that were fitted and whose mirror image was, (B, K)."""
+        """1 for coefficients that were fitted, as well as their mirror image, else 0, (B, K)."""
         free = (self.spline.inverse.diagonal(dim1=1, dim2=2) > 0).to(torch.float64)
         return free * free.flip(1)
 
     @cached_property
     def noise(self) -> Tensor:
-        """Variance of each of the spline's pixels by its light, from the sides', (n,)."""
+        """Noise variance of each of the spline's pixels, (n,), interpolated between the sides by its light."""
         dark, bright = (self.sides.variance / self.sides.step[:, None] ** 2).unbind(1)
         pixels = self.spline.pixels
         share = (pixels.value - self.spline.off[0]).clamp(0, 1)
@@ -73,17 +73,22 @@ class Shape:
         return ((covariance @ functionals) * functionals).sum(1).clamp_min(0).sqrt()
 
     def certain(self, places: Tensor | int) -> Tensor:
-        """Errors by which one of ``places`` numbers must be off to be no accident."""
+        """Standard errors by which one of ``places`` numbers must deviate to be significant."""
         return certain(math.ceil(self.position_px.shape[1] / self.rows_together), places)
 
     def exceed(self, values: Tensor, error: Tensor, least: float) -> Tensor:
-        """Whether any of ``values`` (B, n) is above ``least`` and no accident of the noise, (B,)."""
+        """Whether any of ``values`` (B, n) is above ``least`` and significant against the noise, (B,)."""
         limit = self.certain(self.free.sum(1))[:, None] * error
         return (values > limit.clamp_min(least)).any(1)
 
 
 def certain(rows: int, places: Tensor | int) -> Tensor:
-    """Errors by which one of ``places`` numbers must be off, by Bonferroni and Student's law (Cornish and Fisher)."""
+    """Standard errors by which one of ``places`` numbers must deviate: Bonferroni's correction of Student's law.
+
+    Student's quantile is the normal one with the expansion of Cornish and Fisher.
+
+    >>> round(float(certain(100, 1)), 2)
+    3.39"""
     freedom = max(rows - 1, 4)
     tail = FALSE_ALARM / 2 / torch.as_tensor(places, dtype=torch.float64).clamp_min(1)
     z = -torch.special.ndtri(tail)
@@ -92,7 +97,7 @@ def certain(rows: int, places: Tensor | int) -> Tensor:
 
 
 def structured(shape: Shape) -> Tensor:
-    """Whether something is off the edge's own shape, (B,): a blurred corner passes for a wide edge else."""
+    """Whether blocks of pixels deviate from the fitted shape, (B,): a blurred corner would pass for a wide edge."""
     noise = (shape.sides.variance.amax(1) / shape.sides.step**2).sqrt()
     off = shape.spline.pixels.in_place(shape.spline.off[0].float())
     misfit = avg_pool2d(off, BLOCK_PX, stride=BLOCK_PX // 2).abs().amax((1, 2)).double()
@@ -126,19 +131,19 @@ def two_humps(shape: Shape) -> Tensor:
 
 
 def negative(shape: Shape) -> Tensor:
-    """Whether the edge needs less than no light somewhere before the pixels, (B,): clipped, or sharpened.
+    """Whether the edge implies negative light in front of the pixels, (B,): it is clipped, or sharpened.
 
     The edge spread is that of lens and motion, P, averaged over a pixel: E'(u) = P(u + 1/2) - P(u - 1/2). So P is a
     sum of E' at places a pixel apart and must never fall. Means over adjacent halves of a pixel are compared.
     """
-    coefficients = shape.spline.coefficients.float()  # enough, and twice as fast
+    coefficients = shape.spline.coefficients.float()  # single precision is enough here, and twice as fast
     count = coefficients.shape[1]
     knot = torch.arange(count) - count // 2
     pixel = cosine(shape.position_px).float()[:, None, None]
     place = (torch.arange(count + 8) - count // 2 - 4)[:, None] * pixel  # knots; a pixel is 4 of them
     away = (place - knot).abs()
     spline = torch.where(away < 1, 2 / 3 - away * away * (1 - away / 2), (2 - away).clamp_min(0) ** 3 / 6)
-    beyond = (1 - spline.sum(2)) * (place[..., 0] > 0)  # where there are no knots any more, the edge is 1
+    beyond = (1 - spline.sum(2)) * (place[..., 0] > 0)  # beyond the last knot the edge is 1
     by_quarter = _rises(count + 8)
     rises = by_quarter @ spline
     found = (rises @ coefficients[..., None])[..., 0] + beyond @ by_quarter.T
@@ -147,7 +152,7 @@ def negative(shape: Shape) -> Tensor:
 
 @cache
 def _rises(count: int) -> Tensor:
-    """By how much P rises from a half of a pixel to the next, of an edge at quarters of a pixel, (n, count)."""
+    """Matrix (n, count) from an edge at quarters of a pixel to the rises of P between adjacent half pixels."""
     one = torch.eye(count)
     curved = 2 * (one[4:] - 2 * one[2:-2] + one[:-4])
     place = torch.arange(len(curved))
@@ -157,12 +162,12 @@ def _rises(count: int) -> Tensor:
 
 
 def displaced(shape: Shape, mtf50: Tensor) -> Tensor:
-    """Whether rows are displaced against each other by more than noise moves them, to MTF50's cost, (B,)."""
+    """Whether rows are displaced against each other by more than noise explains, so far that MTF50 suffers, (B,)."""
     (off, pull), by_row = shape.spline.off, shape.spline.pixels.by_row
     curvature = by_row(pull * pull).clamp_min(1e-12)
-    place = by_row(pull * off) / curvature  # of the row alone, from its misfit along the edge's slope
+    place = by_row(pull * off) / curvature  # of each row, from its misfit projected on the edge's slope
     expected = by_row(pull * pull * shape.noise) / curvature**2
-    # The median over rows, since a hot pixel moves one of them.
+    # The median over rows is robust against a hot pixel, which moves one row.
     ratio = (place**2 / expected.clamp_min(1e-18)).median(1).values / CHI_SQUARE_MEDIAN
     sure = ratio - 1 > 5 * MEDIAN_ERROR * math.sqrt(2 / place.shape[1])
     excess = ((ratio - 1) * expected.mean(1)).clamp_min(0)
@@ -175,7 +180,7 @@ def _cost_of_places(variance: Tensor, mtf50: Tensor) -> Tensor:
 
 
 def smoothed(shape: Shape) -> Tensor:
-    """Whether the sides certainly have less noise than the edge between them, (B,): denoised, clipped, curved."""
+    """Whether the sides have significantly less noise than the edge between them, (B,): denoised, clipped, curved."""
     sides, pixels, (off, _) = shape.sides, shape.spline.pixels, shape.spline.off
     share = pixels.value - off
     ratio = torch.where((share > 0.1) & (share < 0.9), off**2 / shape.noise.clamp_min(1e-18), torch.nan)
@@ -189,12 +194,12 @@ def smoothed(shape: Shape) -> Tensor:
 
 
 def quieter(sides: Sides) -> Tensor:
-    """Whether the bright side has certainly less noise than the dark one, (B,); rounding errors do not count."""
-    # A row's noise, the median over rows: a hot pixel makes one row loud.
+    """Whether the bright side has significantly less noise than the dark one, (B,); rounding errors do not count."""
+    # The median over the rows' noise is robust against a hot pixel, which makes one row noisy.
     left, right = (sides.square / sides.count.clamp_min(1)).median(1).values.unbind(1)
     of_bright, of_dark = torch.where(sides.step > 0, torch.stack([right, left]), torch.stack([left, right]))
     error = 1.25 * torch.sqrt((2 / sides.count.sum(1)).sum(1))  # of the ratio's logarithm
-    # What a filter or compression leaves of the noise says nothing of light.
+    # Correlated noise was filtered or compressed, so it no longer depends on light as shot noise does.
     noisy = (of_dark > NOISELESS * sides.step**2) & (sides.block == 1)
     found: Tensor = noisy & (torch.log(of_bright / (QUIETER * of_dark)) < -CERTAIN * error)
     return found

@@ -1,7 +1,7 @@
-"""Faults that an edge may hide, and what they cost in MTF50.
+"""Faults that an edge may hide, and their effect on MTF50.
 
-Clips, tone curves and sharpening of any strength are fitted to the difference from a Gaussian edge: one that is
-certain raises a flag, and what noise or blur may hide makes the interval of MTF50 longer.
+Clipping, tone curves and sharpening of any strength are fitted to the difference from a Gaussian edge. A significant
+fault raises a flag; one that noise or blur may hide widens the interval of MTF50.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from blurnoise.metrics.edge.spline import knots_px
 
 MASK_PX = 0.7  # of the sharpening's Gaussian
 SHARPEST_PX = 0.05
-MATTERS = 0.015  # of MTF50, that a fault must have cost before it raises a flag
-MISFIT = 0.004  # of the step, by which an edge may differ from a Gaussian one with a fault before that is ruled out
+MATTERS = 0.015  # share of MTF50 that a fault must change before it raises a flag
+MISFIT = (
+    0.004  # of the step: difference from a Gaussian edge with the fault from which on the fault is ruled out
+)
 WITHIN = 1.96  # standard errors of a strength that the interval covers
 FINEST, COARSEST, MTF50S = 0.6, 1e-3, 17  # cycles/px, of the table of costs, in even ratios
 WEAKEST, STRONGEST, PER_UNIT = -4.0, 6.0, 4  # of that table, in strengths
@@ -41,7 +43,7 @@ def gaussian_edge(mtf50: Tensor, place_px: Tensor) -> tuple[Tensor, Tensor, Tens
 
 
 def _clipped(level: Tensor, _: Tensor, u: Tensor) -> Tensor:
-    """By 5 % of the step, below or above."""
+    """Clipped by 5 % of the step, below or above."""
     low, high = 0.05 * u.clamp_min(0), 1 + 0.05 * u.clamp_max(0)
     return (torch.minimum(torch.maximum(level, low), high) - low) / (high - low)
 
@@ -70,10 +72,10 @@ def _sharpened(level: Tensor, softer: Tensor, u: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Fault:
-    """What a fault of strength u (..., 1), from low to high, 0 of an honest edge, makes of a level and a softer one.
+    """A fault: what it makes of a level and of a softer one, by its strength u (..., 1).
 
-    parity: 1 where it leaves the edge's halves unequal, which no blur does, else -1. usual: the largest u where there
-    is no trace of it.
+    low, high: range of u; 0 is an honest edge. parity: 1 if it makes the edge's halves unequal, which no blur does,
+    else -1. usual: the largest u that is assumed if the edge has no trace of it.
     """
 
     change: Callable[[Tensor, Tensor, Tensor], Tensor]
@@ -93,8 +95,10 @@ FAULTS = (
 
 
 def hidden_faults(shape: Shape, mtf50: Tensor) -> tuple[Tensor, Tensor]:
-    """Whether the edge's halves are certainly unequal, (B,), and the shares by which hidden faults likely raised the
-    measured ``mtf50`` (B,), at most raised and at most lowered it, (3, B)."""
+    """Whether the edge's halves are significantly unequal, (B,), and the effect of hidden faults, (3, B).
+
+    The effect is the share of the measured ``mtf50`` (B,) by which they likely raised it, at most raised it, and at
+    most lowered it."""
     mtf50 = mtf50.clamp(COARSEST, FINEST)
     place = torch.log(mtf50 / COARSEST) * ((MTF50S - 1) / math.log(FINEST / COARSEST))
     index = place.long().clamp_max(MTF50S - 2)
@@ -145,7 +149,7 @@ def _traced(fault: Fault, costs: Tensor, shape: Shape, mtf50: Tensor) -> tuple[T
     steepness = torch.where(((guess - at).abs() < 1e-3) | (guess - at == 1), 1.0, steepness)
     u, u_error = guess + more / steepness, error / steepness
     if fault.parity < 0:
-        # What is left, in means over 5 knots, may be by noise, or matters little.
+        # The fault fits if what it leaves unexplained, in means over 5 knots, is noise or small.
         windows = shape.covariance.unfold(1, 5, 1).unfold(2, 5, 1).diagonal(dim1=1, dim2=2)
         by_noise = shape.certain(free.sum(1))[:, None] * windows.mean((1, 2)).clamp_min(0).sqrt()
         misfit = avg_pool1d(left - more[:, None] * unit, 5, stride=1, padding=2).abs()
@@ -178,7 +182,7 @@ def _at(costs: Tensor, u: Tensor) -> Tensor:
 
 @cache
 def cost_table() -> Tensor:
-    """By what the faults raise MTF50, (F, M, U), by the MTF50 that is then measured."""
+    """Relative change of MTF50 by each fault, (F, M, U): faults, MTF50 measured with the fault, strengths."""
     mtf50 = torch.logspace(math.log10(COARSEST), math.log10(FINEST), MTF50S, dtype=torch.float64)
     sigma, _, _ = gaussian_edge(mtf50, torch.zeros(1, dtype=torch.float64))
     step = (sigma / 12).clamp_min(0.125)

@@ -16,11 +16,11 @@ from torch import Tensor
 
 from blurnoise._core import checks
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.metrics.edge import faults, place, response
+from blurnoise.metrics.edge import faults, position, response
 from blurnoise.metrics.edge.faults import Shape
 from blurnoise.metrics.edge.hidden import hidden_faults
-from blurnoise.metrics.edge.place import Sides, Upright, slope
-from blurnoise.metrics.edge.response import Response
+from blurnoise.metrics.edge.position import Sides, Upright, slope
+from blurnoise.metrics.edge.response import EdgeResponse
 from blurnoise.metrics.edge.spline import KNOT_PX, LINE_ORDER, knots_px, refine
 from blurnoise.metrics.values import Estimate, Roi, read_regions
 
@@ -29,9 +29,9 @@ Side = Literal["left", "right", "top", "bottom"]
 LARGEST_GAP_PX = {"exact": 0.55, "iso": 0.3}
 """Along the normal, without a sample: a gap of 0.5 px still shows all below 1 cycle/px, a bin of 1/4 px does not."""
 WINDOW_REACHES = 10  # width of a region that the standard's window needs, over the blur's reach
-NOISY = 0.08  # standard deviation of MTF50, as a share of it, from which noise dominates
-_CROSSINGS = {"mtf50", "mtf50p"}  # NaN where there is none, and wider by what an edge may hide
-_TOGETHER = 32  # regions in one go: their arrays stay in the cache
+NOISY = 0.08  # relative standard deviation of MTF50 from which on noise dominates
+_CROSSINGS = {"mtf50", "mtf50p"}  # NaN if there is no crossing; their intervals include hidden faults
+_TOGETHER = 32  # regions per pass, so that their arrays stay in the cache
 _NONE = torch.empty(0, dtype=torch.float64)
 
 
@@ -171,7 +171,7 @@ def slanted_edge(
         SlantedEdge(mode, frozenset({Flag.CLIPPED if each else Flag.NOT_FINITE})) for each in read.finite
     ]
     usable = read.finite & ~read.clipped
-    # Of edges that lie, a plane through the region is steeper down than across.
+    # An edge is near horizontal if a plane through the region is steeper down than across.
     lying = slope(read.values.mean(2)).abs() > slope(read.values.mean(1)).abs()
     for horizontal in (False, True):
         todo = (usable & (lying == horizontal)).nonzero()[:, 0].tolist()
@@ -190,8 +190,8 @@ def _measured(
     values: Tensor, colours: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed: int
 ) -> list[SlantedEdge]:
     """Measure near-vertical edges (B, H, W) of colours (B, C, H, W); horizontal: the regions were transposed."""
-    line = place.find_line(values)
-    sides, upright = place.measure_sides(values, line.position_px)
+    line = position.find_line(values)
+    sides, upright = position.measure_sides(values, line.position_px)
     whole = ~line.no_edge & ~line.leaves
     withheld = {
         Flag.NO_EDGE: line.no_edge,
@@ -201,7 +201,7 @@ def _measured(
     }
     edges = [SlantedEdge(mode, names) for names in _by_region(withheld)]
     alike: dict[int, list[int]] = {}
-    for index, block in enumerate(sides.block.tolist()):  # rows whose noise belongs together
+    for index, block in enumerate(sides.block.tolist()):  # regions with equal blocks share their resamples
         if not edges[index].flags:
             alike.setdefault(block, []).append(index)
     for block, kept in alike.items():
@@ -222,10 +222,10 @@ def shape_of(upright: Upright, position_px: Tensor, sides: Sides, block: int) ->
     away = torch.arange(columns) - columns // 2
     own = (zone.inside > 0) & (away.abs() <= sides.reach_px.ceil()[:, None, None] + 1)
     dark_px = columns - torch.where(own, scaled, (away > 0).to(scaled)).sum(2)
-    again = place.smooth(zone.first + dark_px, order=LINE_ORDER)
+    again = position.smooth(zone.first + dark_px, order=LINE_ORDER)
     noise = sides.variance / sides.step[:, None] ** 2
     spline, line = refine(replace(zone, values=scaled), again, sides.reach_px, noise)
-    if block > 1:  # the covariance that a bootstrap over blocks of rows finds: of noise that is not white
+    if block > 1:  # the spline's own covariance assumes white noise
         spline = replace(spline, covariance=spline.bootstrapped(block))
     return Shape(sides, line, spline)
 
@@ -233,7 +233,7 @@ def shape_of(upright: Upright, position_px: Tensor, sides: Sides, block: int) ->
 def _edges(
     shape: Shape, values: Tensor, colours: Tensor, mode: Mode, horizontal: bool, weights: Tensor | None
 ) -> list[SlantedEdge]:
-    """Read the numbers off each shape. weights: (n, H), of the rows in n resamples."""
+    """Compute the numbers of each shape. weights: (n, H), of the rows in n resamples."""
     sides, rising = shape.sides, shape.sides.step > 0
     if mode == "exact":
         curve = response.exact_response(shape.spline, sides, weights)
@@ -298,12 +298,12 @@ def _edges(
 
 
 def _doubts(
-    shape: Shape, curve: Response, colours: Tensor, mode: Mode, mtf50: Tensor
+    shape: Shape, curve: EdgeResponse, colours: Tensor, mode: Mode, mtf50: Tensor
 ) -> tuple[dict[Flag, Tensor], Tensor]:
-    """Which regions each flag is raised for, (B,) bool, and what hidden faults may cost, (3, B)."""
+    """Regions for which each flag is raised, (B,) bool; and the effect of hidden faults on MTF50, (3, B)."""
     sides = shape.sides
-    enough = place.largest_phase_gap_px(shape.position_px) <= LARGEST_GAP_PX[mode]
-    blur_px = (sides.reach_px - place.REACH_PX) / place.REACH_FACTOR
+    enough = position.largest_phase_gap_px(shape.position_px) <= LARGEST_GAP_PX[mode]
+    blur_px = (sides.reach_px - position.REACH_PX) / position.REACH_FACTOR
     unequal, hidden = hidden_faults(shape, mtf50)
     flags = {
         Flag.TWO_EDGES: faults.structured(shape),
@@ -331,7 +331,7 @@ def _by_region(flags: Mapping[Flag, Tensor]) -> list[frozenset[Flag]]:
 
 
 def _with_hidden(row: Mapping[str, Any], hidden: list[float]) -> dict[str, tuple[float, float]]:
-    """The intervals, those of MTF50 and MTF50P with the faults that may have raised or lowered them."""
+    """The intervals, with those of MTF50 and MTF50P widened by the faults that may have raised or lowered them."""
     likely, largest, lowered = hidden
     wider = dict(row["noise_intervals"])
     for name in _CROSSINGS & wider.keys():

@@ -1,7 +1,7 @@
 """Response of an edge to spatial frequency, from its spline or by ISO 12233's steps, and the numbers read off it.
 
-Domain: frequencies in cycles/px along the edge's normal. A response is kept as power, its squared modulus less the
-power that noise adds to it, which is right on the average and may be negative where only noise is left.
+Domain: frequencies in cycles/px along the edge's normal. A response is represented by its power: its squared modulus
+less the power of the noise. This has no bias, and may be negative where only noise is left.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from blurnoise.metrics.edge.place import Sides, cosine, slope, smooth
+from blurnoise.metrics.edge.position import Sides, cosine, slope, smooth
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
 
 NYQUIST = 0.5  # cycles/px
@@ -29,7 +29,7 @@ BINS_PER_PX, ISO_LINE_ORDER, PADDING, LARGEST_CORRECTION = 4, 5, 8, 10.0  # of t
 
 
 @dataclass(frozen=True)
-class Response:
+class EdgeResponse:
     """power: (B, F), at frequencies from 0 on, evenly spaced by ``spacing`` (B,); of resamples: resampled, (B, n, F).
 
     noise: (B, F), the variance of the complex response that was taken off it, or in ``iso`` mode is in it.
@@ -46,7 +46,7 @@ class Response:
         return torch.arange(self.power.shape[1], dtype=torch.float64) * self.spacing[:, None]
 
     def peak(self) -> Tensor:
-        """Index of the highest power up to 0.5 cycle/px that is certain to exceed that at 0, else 0, (B,)."""
+        """Index of the highest power up to 0.5 cycle/px that significantly exceeds the one at 0, else 0, (B,)."""
         power = self.power.clamp_min(0)
         # Without noise, rounding leaves its power a little below 0 here and there.
         certain = power - PEAK_CERTAIN * torch.sqrt(2 * power * self.noise.clamp_min(0))
@@ -54,14 +54,14 @@ class Response:
         return torch.where(found.values > 1, found.indices, 0)
 
     def scatter(self, mtf50: Tensor) -> Tensor:
-        """Standard deviation of MTF50 that noise along the response, half of all, causes, as a share of it, (B,)."""
+        """Relative standard deviation of MTF50 by noise, (B,); only the half in phase with the response counts."""
         index = (mtf50.nan_to_num(0, 0, 0) / self.spacing).long().clamp(1, self.power.shape[1] - 2)[:, None]
         rise = (self.power.gather(1, index + 1) - self.power.gather(1, index - 1))[:, 0] / (2 * self.spacing)
         along = torch.sqrt(self.noise.gather(1, index)[:, 0].clamp_min(0) / 2)
         return along / (rise.abs().clamp_min(1e-12) * mtf50)  # at 1/2, power changes as the response does
 
 
-def exact_response(spline: Spline, sides: Sides, weights: Tensor | None) -> Response:
+def exact_response(spline: Spline, sides: Sides, weights: Tensor | None) -> EdgeResponse:
     """Response at FREQUENCIES of the spline, and of its resamples by ``weights`` (n, H), which carry the noise twice.
 
     The derivative of a cubic B-spline is a difference of two quadratic ones, hence the response is the Fourier sum
@@ -74,7 +74,7 @@ def exact_response(spline: Spline, sides: Sides, weights: Tensor | None) -> Resp
         drawn = spline.coefficients[:, None] + (weights - 1) @ spline.pulls  # to first order
         resampled = _modulus_squared(drawn) / taller[..., None] ** 2 - 2 * noise[:, None]
     spacing = FREQUENCIES[1].expand(len(noise))
-    return Response(spacing, _modulus_squared(spline.coefficients) - noise, noise, resampled)
+    return EdgeResponse(spacing, _modulus_squared(spline.coefficients) - noise, noise, resampled)
 
 
 def _modulus_squared(coefficients: Tensor) -> Tensor:
@@ -103,7 +103,7 @@ def _noise_power(covariance: Tensor) -> Tensor:
     return (lags @ torch.cos(angle)) * torch.sinc(KNOT_PX * FREQUENCIES) ** 6
 
 
-def iso_response(values: Tensor, noise: Tensor, weights: Tensor | None) -> Response:
+def iso_response(values: Tensor, noise: Tensor, weights: Tensor | None) -> EdgeResponse:
     """Response by the standard's steps, with sfrmat5's quirks: bins are filled by ceil(), and the derivative's
     correction, capped at 10, counts frequencies from 1 (ISO 12233:2023, annex D; P. D. Burns, sfrmat5, 2023).
 
@@ -127,7 +127,7 @@ def iso_response(values: Tensor, noise: Tensor, weights: Tensor | None) -> Respo
     held = (window / pixels.clamp_min(1)).sum(-1) * noise / line.sum(-1) ** 2
     passed = held[:, None] * (torch.sin(2 * math.pi * index / bins) * correction) ** 2
     resampled = None if weights is None else power(_line_spread(weights @ total, weights @ count))
-    return Response(BINS_PER_PX / (bins * PADDING) / cosine(position), power(line), passed, resampled)
+    return EdgeResponse(BINS_PER_PX / (bins * PADDING) / cosine(position), power(line), passed, resampled)
 
 
 def _binned(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -200,7 +200,7 @@ def crossing(power: Tensor, spacing: Tensor, level: Tensor) -> Tensor:
 def numbers(
     power: Tensor, spacing: Tensor, peak: Tensor, level: Tensor, variance: Tensor
 ) -> dict[str, Tensor]:
-    """Every scalar by its name in SlantedEdge, (...) each; where 50 % is never reached, inf. peak: its index."""
+    """All scalars by their names in SlantedEdge, (...) each; inf if 50 % is never reached. peak: its index."""
     step = (level[..., 1] - level[..., 0]).abs()
     cnr = step / (variance.sum(-1) / 2).sqrt()
     index = peak.expand(power.shape[:-1])[..., None]
@@ -223,7 +223,7 @@ def numbers(
 
 
 def intervals(resampled: dict[str, Tensor], plain: dict[str, Tensor], wider: float) -> dict[str, Tensor]:
-    """Of n resamples (B, n) the range (B, 2) that holds 95 %, made wider about the number itself, (B,)."""
+    """95 % intervals (B, 2) from n resamples (B, n), widened about the number itself, (B,), by a factor."""
     ends = torch.tensor([0.025, 0.975], dtype=torch.float64)
     found = {name: torch.quantile(values, ends, dim=1).T for name, values in resampled.items()}
     if wider == 1:
@@ -235,7 +235,7 @@ def intervals(resampled: dict[str, Tensor], plain: dict[str, Tensor], wider: flo
 
 
 def block_weights(resamples: int, rows: int, block: int, seed: int) -> Tensor:
-    """How often each row is drawn, (resamples, rows): as many as there are, in blocks that go on round the end."""
+    """Number of times that each row is drawn, (resamples, rows), in blocks that wrap around the end."""
     generator = torch.Generator().manual_seed(seed)
     count = math.ceil(rows / block)
     starts = torch.randint(rows, (resamples, count), generator=generator)
@@ -245,7 +245,10 @@ def block_weights(resamples: int, rows: int, block: int, seed: int) -> Tensor:
 
 
 def widening(rows: int, block: int) -> float:
-    """By how much intervals from few blocks of rows are too narrow, 1 where rows are drawn one by one."""
+    """Factor by which intervals from few blocks of rows are too narrow; 1 if rows are drawn one by one.
+
+    >>> widening(100, 1)
+    1.0"""
     if block == 1:
         return 1.0
     # Student's 97.5 % over the normal law's, by Cornish and Fisher, and the root of n over n - 1.

@@ -1,7 +1,7 @@
 """Edge spread as a spline through every pixel, each at its exact distance from the edge.
 
-Bins blur what they average and need many phases; a cubic B-spline with a knot every quarter of a pixel does
-neither, and its transfer function is a finite sum. Its coefficients are 0 before the edge's reach and 1 beyond it.
+Bins blur the edge and need many phases. A cubic B-spline with a knot every quarter of a pixel does neither, and its
+transfer function is a finite sum. Its coefficients are 0 before the edge's reach and 1 beyond it.
 Domain: upright regions, values scaled so that the sides are 0 and 1, distances in px along the normal.
 """
 
@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from blurnoise.metrics.edge.place import Upright, cosine, row_basis
+from blurnoise.metrics.edge.position import Upright, cosine, row_basis
 
 KNOT_PX = 0.25
 LINE_ORDER = 3  # of the polynomial that the edge may follow: a lens bends straight edges
@@ -71,11 +71,11 @@ class Pixels:
         return cls(*numbers, value, first, t, cosines[region], basis, near.sum((1, 2)), 2 * half + 1)
 
     def in_place(self, values: Tensor) -> Tensor:
-        """The regions with ``values`` (n,) at these pixels and 0 elsewhere, (B, H, W)."""
+        """Scatter ``values`` (n,) to regions (B, H, W), 0 at all other pixels."""
         return values.new_zeros(math.prod(self.shape)).index_copy_(0, self.pixel, values).view(self.shape)
 
     def off(self, coefficients: Tensor) -> tuple[Tensor, Tensor]:
-        """By how much the values exceed the spline, (n,), and the spline's slope along the row, 1/px, (n,)."""
+        """Misfit of the values, (n,), and the spline's slope along the row, 1/px, (n,)."""
         line = coefficients.flatten()
         at = self.first + self.region * self.size
         picked = [line[k:][at] for k in range(4)]
@@ -91,7 +91,7 @@ class Pixels:
         return sums.index_add_(0, self.row, values).view(self.shape[:2])
 
     def odd(self, off: Tensor) -> Tensor:
-        """``off`` (n,) at single pixels far out of the others' misfits, hot or dead ones, else 0."""
+        """The misfits ``off`` (n,) of single outliers, hot or dead pixels, else 0."""
         usual = torch.stack([each.median() for each in torch.split(off * off, self.count.tolist())])
         limit = (ODD_DEVIATIONS * (usual / CHI_SQUARE_MEDIAN).sqrt()).clamp_min(ODD_SHARE)
         far = off.abs() > limit[self.region]
@@ -131,16 +131,16 @@ class Spline:
 
     @cached_property
     def off(self) -> tuple[Tensor, Tensor]:
-        """By how much the pixels exceed the spline, and its slope along the row, 1/px, (n,) each."""
+        """Misfit of the pixels, and the spline's slope along the row, 1/px, (n,) each."""
         return self.pixels.off(self.coefficients)
 
     @cached_property
     def pulls(self) -> Tensor:
-        """By how much each row, were it there once more, would move the coefficients, (B, H, K)."""
+        """Change of the coefficients if a row is counted once more, (B, H, K): the influence of each row."""
         return self.pixels.sums(self.off[0], per_row=True) @ self.inverse * self.inflation[:, None, None]
 
     def bootstrapped(self, block: int) -> Tensor:
-        """The coefficients' covariance as a bootstrap over blocks of rows finds it, (B, K, K)."""
+        """Covariance of the coefficients, (B, K, K), by a closed-form bootstrap over blocks of rows."""
         root = torch.stack([rows.sum(1) for rows in torch.split(self.pulls, block, 1)], dim=1)
         return root.mT @ root
 
@@ -152,7 +152,7 @@ def refine(upright: Upright, position_px: Tensor, reach_px: Tensor, noise: Tenso
     off, pull = pixels.off(_fitted(pixels, reach_px)[0])
     curvature = rows.T @ (pixels.by_row(pull * pull)[..., None] * rows)
     wanted = pixels.by_row(pull * off) @ rows
-    # One step of Gauss and Newton: the line is so close that a second would change nothing.
+    # One Gauss-Newton step: the line is so close that a second step would change nothing.
     position_px = position_px - torch.linalg.solve(curvature, wanted[..., None])[..., 0] @ rows.T
 
     upright = replace(upright, values=upright.values - pixels.in_place(pixels.odd(off)))

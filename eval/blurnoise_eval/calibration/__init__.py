@@ -1,1 +1,1 @@
-"""Your own camera: its figures from dark and flat frames, or from what a DNG file states."""
+"""Measurement of cameras: figures from dark and flat frames, DNG files, tuning files and brackets."""

@@ -118,6 +118,9 @@ def missing_numbers(counts: Sequence[NDArray[np.int64]]) -> tuple[int, int]:
     """How many numbers never occur, and how many could, between numbers that ``_OFTEN`` pixels of a level have.
 
     counts: pixels by number, of each level; the numbers of a level lie around one mean.
+
+    >>> missing_numbers([np.array([0, 90, 0, 90, 0, 90])])  # only odd numbers
+    (2, 4)
     """
     never = possible = 0
     for level in counts:

@@ -68,15 +68,19 @@ def _levels(raw: Tags, tags: Tags, of: str) -> Known:
     white = min(numbers(raw, WHITE_LEVEL, 2**bits - 1))
     deltas = [name for tag, name in _BLACK_DELTAS.items() if tag in raw]
     blacks = [np.mean(numbers(raw, tag, 0)) for tag in (BLACK_LEVEL, *_BLACK_DELTAS)]
-    black, stated = float(np.sum(blacks)), " + ".join(["BlackLevel", *deltas])
-    sound, levels = 0 <= black < white <= 65535, f"{stated} = {black:g}, WhiteLevel = {white:g}"
+    black, tags_of_black = float(np.sum(blacks)), " + ".join(["BlackLevel", *deltas])
+    sound, levels = 0 <= black < white <= 65535, f"{tags_of_black} = {black:g}, WhiteLevel = {white:g}"
     refuse(not sound, f"{levels}: must be 0 <= black < white <= 65535")
     span, gain = white - black, scale * (white - black)
     read_e = math.sqrt(max(0.0, offset - 1 / 12 / span**2)) / scale
     profiled = f"from NoiseProfile {of}" + (f", its plane {used + 1} of {len(planes)}" if used else "")
     depth = f"derived: the fewest bits that hold WhiteLevel {white:g}"
     depth = depth if WHITE_LEVEL in raw else "stated: BitsPerSample"
-    level = f"stated: mean of {stated}" if BLACK_LEVEL in raw or deltas else "assumed: no BlackLevel, so 0,"
+    level = (
+        f"stated: mean of {tags_of_black}"
+        if BLACK_LEVEL in raw or deltas
+        else "assumed: no BlackLevel, so 0,"
+    )
     profiled += f"; {linearized(raw)}, counted here" if linearized(raw) else ""
     return {
         "system_gain_dn_per_e": (gain, f"derived: S (white - black) {profiled}"),

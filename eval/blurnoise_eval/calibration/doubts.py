@@ -34,7 +34,13 @@ class Doubt:
     margin: float = 0.0
 
     def widen(self, estimates: dict[str, Estimate]) -> None:
-        """Add the margin to the interval of the first figure."""
+        """Add the margin to the interval of the first figure.
+
+        >>> estimates = {"dsnu_e": Estimate(1.0, 0.9, 1.1)}
+        >>> Doubt(("dsnu_e",), "hot pixels", margin=0.5).widen(estimates)
+        >>> estimates["dsnu_e"].low, estimates["dsnu_e"].high
+        (0.4, 1.6)
+        """
         name = self.figures[0]
         if self.margin and (estimate := estimates.get(name)):
             low, high = max(0.0, estimate.low - self.margin), estimate.high + self.margin

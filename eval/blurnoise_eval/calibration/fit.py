@@ -69,6 +69,13 @@ class Measurement:
         flat, dark = (sum(level.frames for level in levels) for levels in (self.flat, self.dark))
         return f"{flat} flat and {dark} dark frames"
 
+    @property
+    def temperature_c(self) -> float | None:
+        """Mean temperature of the sensor in the dark levels, None if unknown."""
+        every = [level.taken.temperature_c for level in self.dark]
+        celsius = [temperature_c for temperature_c in every if temperature_c is not None]
+        return sum(celsius) / len(celsius) if celsius else None
+
     def rows(self) -> Iterator[tuple[str, Estimate | None, str]]:
         """Rows of a table of figures: name, estimate (None if not available) and unit."""
         for name, unit in UNITS.items():
@@ -121,20 +128,21 @@ def measure(
     warming = doubts.warming(dark, fit)
     if not warming:
         estimates["black_level_drift_dn"] = lowest.drift
-    found = [
+    candidates = [
         warming or curve.tone,
         doubts.hot_pixels(curve.pattern, fit),
         None if warming or curve.tone else _stray_light(lowest, chosen, light, fit),
         doubts.stretched([*dark, *flat]),
         *(Doubt(("quantum_efficiency", "cfa"), text) for text in files.doubts),
     ]
-    for doubt in filter(None, found):
+    found = [doubt for doubt in candidates if doubt]
+    for doubt in found:
         doubt.widen(estimates)
     return Measurement(
         estimates=estimates, dark=dark, flat=flat, used=curve.used, fit=fit, lowest_db=files.gains_db[0],
         gains=gains, bend=curve.bend, linearity=linear, size_px=files.size_px,
         cfa=None if files.site is None else files.cfa, bit_depth=bits, bits_given=bit_depth is not None,
-        clip_dn=curve.clip_dn, doubts=[*filter(None, found)],
+        clip_dn=curve.clip_dn, doubts=found,
         notes=[*files.notes, *checks.remarks(dark, flat), *_notes(fit, files)],
     )  # fmt: skip
 
@@ -195,7 +203,7 @@ class _GainFrames:
 
 
 @dataclass(frozen=True)
-class _Curve:
+class _TransferCurve:
     """Photon transfer of one gain; pattern: of the dark frames; tone: the doubt that the frames have a tone curve."""
 
     fit: Transfer
@@ -206,7 +214,7 @@ class _Curve:
     tone: Doubt | None
 
 
-def _fit(frames: _GainFrames, full_scale_dn: float) -> _Curve:
+def _fit(frames: _GainFrames, full_scale_dn: float) -> _TransferCurve:
     """Fit the straight part of the curve. Raises ``ValueError`` for levels that cannot be used."""
     dark, flat = frames.dark, frames.flat
     dim = checks.too_dim(dark, flat)
@@ -225,10 +233,10 @@ def _fit(frames: _GainFrames, full_scale_dn: float) -> _Curve:
     if curve:  # it explains what looked like a tone curve
         tone, used = None, [index for index in used if flat[index].mean_dn <= curve.straight_dn]
         fit = transfer.fit(dark, [flat[index] for index in used], pattern)
-    return _Curve(fit, pattern, clip_dn, used, curve, tone)
+    return _TransferCurve(fit, pattern, clip_dn, used, curve, tone)
 
 
-def _estimates(frames: _GainFrames, curve: _Curve) -> tuple[dict[str, Estimate], Linearity | None]:
+def _estimates(frames: _GainFrames, curve: _TransferCurve) -> tuple[dict[str, Estimate], Linearity | None]:
     """The figures that follow from levels and dark frames, without PRNU, and the linearity."""
     fit, flat = curve.fit, frames.flat
     brightest_dn = max(flat[index].mean_dn for index in curve.used)

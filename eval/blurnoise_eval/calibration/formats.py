@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import integer, one_of
 from blurnoise_eval.calibration.headers import (
-    Header,
+    FrameHeader,
     directories,
     fits,
     fits_frame,
@@ -100,7 +100,11 @@ class RawLayout:
         return self.stride * self.height
 
     def unpack(self, octets: NDArray[np.uint8]) -> NDArray[np.uint16]:
-        """The digital numbers (H, W) of the bytes of a frame."""
+        """The digital numbers (H, W) of the bytes of a frame.
+
+        >>> RawLayout.parse("mipi12,2x1").unpack(np.array([0x12, 0x34, 0x65], np.uint8)).tolist()
+        [[293, 838]]
+        """
         packing = PACKINGS[self.packing]
         bits, pixels, group, mipi = packing
         rows = octets.reshape(self.height, self.stride)[:, : packing.row_bytes(self.width)]
@@ -120,7 +124,7 @@ class Format(NamedTuple):
 
     read: Callable[[Path, RawLayout | None, int], NDArray[Any]]
     pages: Callable[[Path, RawLayout | None], int] = lambda *_: 1
-    header: Callable[[Path], Header] = lambda _: Header()
+    header: Callable[[Path], FrameHeader] = lambda _: FrameHeader()
 
 
 def format_of(path: Path) -> Format:
@@ -246,8 +250,8 @@ def _raw(path: Path, *_: object) -> NDArray[Any]:
         return np.array(raw.raw_image_visible, np.uint16)
 
 
-def _raw_header(path: Path) -> Header:
-    header = Header()
+def _raw_header(path: Path) -> FrameHeader:
+    header = FrameHeader()
     with _opened(path) as raw:
         if raw.other.iso_speed > 0:
             header.iso = raw.other.iso_speed

@@ -24,7 +24,7 @@ Tags = Mapping[int, Any]
 SUB_DIRECTORIES, EXIF, LINEARIZATION = 330, 34665, 50712
 _BLOCK, _CARD = 2880, 80
 _NUMBERS = {8: "u1", 16: ">i2", 32: ">i4", -32: ">f4", -64: ">f8"}
-_KIND_KEYS = ("IMAGETYP", "FRAMETYP", "OBSTYPE", "FRAME")  # INDI's is the last, beside IMAGETYP
+_KIND_KEYS = ("IMAGETYP", "FRAMETYP", "OBSTYPE", "FRAME")  # the last is that of INDI, in addition to IMAGETYP
 _AVERAGES = ("NCOMBINE", "STACKCNT", "SNAPSHOT")  # of IRAF, Siril, MaxIm DL: frames in this one
 _MILLI = re.compile(r"\b(ms|msecs?|milliseconds?)\b|\b([uµμ]s|usecs?|microseconds?)\b", re.IGNORECASE)
 _BAYER = ("RGGB", "GRBG", "GBRG", "BGGR")
@@ -37,8 +37,8 @@ def refuse(applies: object, text: str) -> None:
 
 
 @dataclass
-class Header:
-    """How a frame was taken, by the header of its file; None where it does not say.
+class FrameHeader:
+    """How a frame was taken, by the header of its file; None where it has no value.
 
     words: the kind in the words of the header. processed: the keyword that shows that this is no raw frame.
     """
@@ -120,11 +120,11 @@ def fits(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
     return values.reshape(-1, *axes[-2:]), header
 
 
-def fits_frame(path: Path) -> Header:
+def fits_frame(path: Path) -> FrameHeader:
     """How the frame of a FITS file was taken."""
     values, keywords = fits(path)
     number(keywords, "GAIN", 0.0)  # refuses other values
-    header = Header(
+    header = FrameHeader(
         exposure_s=keywords.get("EXPTIME", keywords.get("EXPOSURE")),
         temperature_c=keywords.get("CCD-TEMP", keywords.get("TEMPERAT")),
         gain_setting=keywords.get("GAIN"),
@@ -169,7 +169,7 @@ def _letters(pattern: str, header: Mapping[str, Any], height: int) -> str:
 
 def directories(path: Path) -> list[Tags]:
     """All directories of a TIFF file: the chain, the directories below, and EXIF."""
-    found: list[Tags] = []
+    every: list[Tags] = []
     with path.open("rb") as file, warnings.catch_warnings():
         warnings.simplefilter("error")  # Pillow warns of incomplete entries
         head = file.read(8)
@@ -180,17 +180,21 @@ def directories(path: Path) -> list[Tags]:
             try:
                 file.seek(offset)
                 directory.load(file)
-                found.append(dict(directory))
+                every.append(dict(directory))
             except Exception as error:  # Pillow raises all sorts
                 raise ValueError(f"is not a valid DNG file: {error}") from None
             below = [*numbers(directory, SUB_DIRECTORIES), *numbers(directory, EXIF), directory.next]
             offsets += [int(value) for value in below if value and value not in offsets]
-    refuse(not any(found), "is not a DNG file; it has no tags")
-    return found
+    refuse(not any(every), "is not a DNG file; it has no tags")
+    return every
 
 
 def numbers(tags: Tags, tag: int, default: Any = ()) -> list[float]:
-    """The numbers of a tag, or ``default``; a list also of one number; NaN for a fraction over 0."""
+    """The numbers of a tag, or ``default``; a list also of one number; NaN for a fraction over 0.
+
+    >>> numbers({256: 640, 258: (12, 12)}, 256), numbers({}, 258, 16)
+    ([640.0], [16.0])
+    """
     value = tags.get(tag, default)
     return [float(part) for part in (value if isinstance(value, (tuple, list)) else (value,))]
 

@@ -79,6 +79,13 @@ def level_of(planes: Iterable[Plane], taken: FrameFile, dark_dn: float = 0.0) ->
 
     dark_dn: mean in the dark, above which frames are scaled to the light of the first. The error of the variance is
     that of a mean of the variances of all pixels, which holds for any distribution; shading makes it larger.
+
+    >>> from pathlib import Path
+    >>> taken = FrameFile(file=Path("dark.npy"), kind="dark", exposure_s=0.01)
+    >>> planes = [np.array([[9, 11], [11, 9]], np.uint16), np.array([[11, 9], [9, 11]], np.uint16)]
+    >>> level, mean = level_of(planes, taken)
+    >>> str(level), level.mean_dn, round(level.variance_dn2, 3), mean.tolist()
+    ('dark 10 ms', 10.0, 2.667, [[10.0, 10.0], [10.0, 10.0]])
     """
     lit = taken.kind == "flat"
     counts = np.zeros(1 << 16, np.int64)

@@ -66,7 +66,7 @@ def _levels(of: Algorithms, camera: Camera, file: str) -> Known:
     refuse(not slope > 0, f"rpi.noise: reference_slope = {slope:g}: must be > 0")
     black = float(of["rpi.black_level"]["black_level"]) / per_dn
     gain = slope**2 / per_dn
-    found: Known = {
+    known: Known = {
         "system_gain_dn_per_e": (
             gain,
             f"derived: rpi.noise of {file}, slope squared; measured on patches, fixed pattern included",
@@ -78,12 +78,12 @@ def _levels(of: Algorithms, camera: Camera, file: str) -> Known:
         ),
     }
     if constant > 0:
-        found["read_noise_e"] = (constant / slope**2, f"derived: rpi.noise of {file}, reference_constant")
+        known["read_noise_e"] = (constant / slope**2, f"derived: rpi.noise of {file}, reference_constant")
     if curve := of.get("rpi.contrast", {}).get("gamma_curve"):
         points = np.reshape(curve, (-1, 2)) / 65535
         text = f"derived: rpi.contrast of {file}, gamma_curve, without its adaptive part"
-        found["tone"] = (tuple(map(tuple, points.tolist())), text)
-    return found
+        known["tone"] = (tuple(map(tuple, points.tolist())), text)
+    return known
 
 
 def _colours(of: Algorithms, camera: Camera, file: str) -> Known:
@@ -108,12 +108,12 @@ def _colours(of: Algorithms, camera: Camera, file: str) -> Known:
 
 def _light(of: Algorithms, camera: Camera, file: str) -> Known:
     """Relative illumination of the lens, and electrons per lux second."""
-    found: Known = {}
+    known: Known = {}
     if table := of.get("rpi.alsc", {}).get("luminance_lut"):
         curve, off = _radial(1 / np.reshape(table, _TABLE), camera)
         text = f"derived: rpi.alsc of {file}, luminance_lut, by distance from the centre; {off:.1%} RMS beside that"
-        found["lens"] = ({"relative_illumination": curve}, text)
-    lit, camera = of["rpi.lux"], changed(camera, found)
+        known["lens"] = ({"relative_illumination": curve}, text)
+    lit, camera = of["rpi.lux"], changed(camera, known)
     lux_s, gain = lit["reference_lux"] * lit["reference_shutter_speed"] / 1e6, float(lit["reference_gain"])
     per_dn = 2.0 ** (16 - camera.sensor.bit_depth) * camera.sensor.system_gain_dn_per_e * gain
     mean_e = (lit["reference_Y"] - of["rpi.black_level"]["black_level"]) / per_dn
@@ -121,7 +121,7 @@ def _light(of: Algorithms, camera: Camera, file: str) -> Known:
         f"derived: rpi.lux of {file}, a ColorChecker with mean reflectance {_CHART:g} (assumed, to within a third; "
         "the file does not contain it)"
     )
-    return found | tied(camera, mean_e / (lux_s * _CHART), source, _LIT_BY)
+    return known | tied(camera, mean_e / (lux_s * _CHART), source, _LIT_BY)
 
 
 def _radial(light: Floats, camera: Camera) -> tuple[RelativeIllumination, float]:

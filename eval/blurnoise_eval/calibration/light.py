@@ -62,9 +62,13 @@ def tied(camera: Camera, measured: float, source: str, illuminant: str | Curve =
 
 
 def scaled(curves: Any, by: float, only: str = "") -> Any:
-    """A quantum efficiency times a factor; only: of one filter. Raises ``ValueError`` above 1."""
+    """A quantum efficiency times a factor; only: of one filter. Raises ``ValueError`` above 1.
+
+    >>> scaled(0.5, 1.2)
+    0.6
+    """
     if isinstance(curves, FilterCurves):
-        filters = curves.stated()
+        filters = curves.items()
         return FilterCurves(**{name: scaled(x, by) if only in ("", name) else x for name, x in filters})
     values = curves.values if isinstance(curves, Curve) else (curves,)
     if by * max(values) > 1:

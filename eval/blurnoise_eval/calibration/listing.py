@@ -24,7 +24,7 @@ from pydantic import BaseModel, ValidationError
 from blurnoise._core.checks import within
 from blurnoise._core.files import read_text
 from blurnoise_eval.calibration.formats import FORMATS, RawLayout, format_of, naming, read_plane
-from blurnoise_eval.calibration.headers import Header, refuse
+from blurnoise_eval.calibration.headers import FrameHeader, refuse
 from blurnoise_eval.calibration.names import NamedExposure, exposure_of, fitting_reading, kind_of
 from blurnoise_eval.system.files import inside
 
@@ -101,14 +101,14 @@ class _Headers:
     """Headers of the files, and notes on them. ISO numbers and gain settings only compare the gains of the files."""
 
     def __init__(self) -> None:
-        self._headers: dict[Path, Header] = {}
+        self._headers: dict[Path, FrameHeader] = {}
         self._notes: dict[str, list[str]] = {}
 
     def note(self, text: str, path: Path) -> None:
         """Note an assumption about a file; files with the same note are counted."""
         self._notes.setdefault(text, []).append(path.name)
 
-    def read(self, path: Path, known: Mapping[str, Any]) -> Header:
+    def read(self, path: Path, known: Mapping[str, Any]) -> FrameHeader:
         """Read a header. known: fields of the frame from elsewhere, which take precedence."""
         refuse(not path.is_file(), f"file {path.name!r}: must be a file in {path.parent}")
         with naming(path):

@@ -22,7 +22,9 @@ _OF_WHAT = ("twilight", "dome", "sky", "panel", "frame", "field")  # as in SKYFL
 _AVERAGED = ("master", "super", "stacked", "averaged", "average", "median", "mean", "avg")
 _WORDS = rf"(?:{'|'.join([*_OF_WHAT, *_AVERAGED, *_KINDS])})"
 _RUN = re.compile(rf"(?<![a-z])(?:{_WORDS}(?:es|s)?)+(?![a-z])")
-_OFFSET = re.compile(r"(?<=[ _-])(?:offset|zero)[ _-]*\d")  # N.I.N.A.'s _offset50_, beside the kind
+_OFFSET = re.compile(
+    r"(?<=[ _-])(?:offset|zero)[ _-]*\d"
+)  # such as _offset50_ of N.I.N.A., in addition to the kind
 _UNITS = {"ns": 1e-9, "us": 1e-6, "μs": 1e-6, "usec": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0,
           "secs": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0}  # fmt: skip
 _EXPOSURE = re.compile(

@@ -111,6 +111,10 @@ def common_variances(
     """Variances that ``one`` and ``other`` (H, W), both of mean 0, have in common.
 
     remaining: share of the variance of rows and columns that a filter has left.
+
+    >>> rows = np.array([[1.0], [-1.0], [1.0], [-1.0]]) * np.ones((4, 6))
+    >>> common_variances(rows, rows).row.value  # of 4 values, 3 degrees of freedom
+    1.333...
     """
     halves = [np.where(left_out, 0.0, half) for half in (one, other)]
     lines: list[Uncertain] = []

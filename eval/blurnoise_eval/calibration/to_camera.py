@@ -22,11 +22,13 @@ Known = dict[str, tuple[Any, str]]
 def camera_of(
     measurement: Measurement, name: str, *, base: str = "imx250", temperature_c: float | None = None
 ) -> Camera:
-    """The camera of a measurement. temperature_c: of the sensor, for the dark current; base: the preset for the other
-    figures (lens, pixel pitch, quantum efficiency without photons).
+    """The camera of a measurement. temperature_c: of the sensor, for the dark current; None: that of the frames.
+    base: the preset for the other figures (lens, pixel pitch, quantum efficiency without photons).
 
     Raises ``ValueError`` for an unknown preset, and for a figure outside its limits.
     """
+    if temperature_c is None:
+        temperature_c = measurement.temperature_c
     estimates, full_scale = measurement.estimates, 2**measurement.bit_depth - 1
     bits = "assumed: the fewest of 8, 10, 12, 14, 16 bits that hold the frames' numbers"
     if measurement.bits_given:
@@ -110,6 +112,10 @@ def on_base(name: str, known: Known, base: str) -> Camera:
     """A camera with ``known`` values and sources; the others are those of ``base``, a file or preset (assumed).
 
     Raises ``ValueError`` for another name.
+
+    >>> camera = on_base("mine", {"read_noise_e": (3.0, "measured: my frames")}, "imx250")
+    >>> camera.sensor.read_noise_e, camera.sources["read_noise_e"], camera.sources["f_number"]
+    (3.0, 'measured: my frames', 'assumed, as of the preset imx250')
     """
     if not Path(base).is_file():
         one_of("base", base, sorted(PRESETS))

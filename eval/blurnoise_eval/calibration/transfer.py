@@ -283,7 +283,12 @@ def drift(dark: Sequence[Level]) -> Uncertain:
 
 
 def straight(x: Floats, y: Floats, error: Floats) -> FittedLine:
-    """Fit a straight line to (x, y), weighted by the errors of y."""
+    """Fit a straight line to (x, y), weighted by the errors of y.
+
+    >>> line = straight(np.array([0.0, 1.0, 2.0]), np.array([1.0, 3.0, 5.0]), np.ones(3))
+    >>> round(line.offset, 6), round(line.slope, 6), round(float(line.at(10.0)), 6)
+    (1.0, 2.0, 21.0)
+    """
     design = [np.ones(len(x)), x][: len(np.unique(x))]
     values, errors = ([*numbers, math.nan][:2] for numbers in _weighted_fit(design, y, error))
     return FittedLine(*values, *errors)

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import FramesCfa, FramesLayout, new_file
 from blurnoise_eval.system.terminal import say, say_wrapped, show
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from blurnoise_eval.calibration.fit import Measurement
 
 
 def cameras_fit(
@@ -104,9 +109,8 @@ def cameras_fit(
     from blurnoise_eval.calibration import to_camera
     from blurnoise_eval.cameras import figures
 
-    checks.one_of(f"suffix of {output}", output.suffix.lower(), (".yaml", ".yml", ".json"))  # before any work
-    if folder is not None:
-        new_file(str(output.with_suffix(".png")))
+    checks.one_of(f"suffix of {output}", output.suffix.lower(), (".yaml", ".yml", ".json"))
+    plot = None if folder is None else new_file(str(output.with_suffix(".png")))
     sources = [path for path in (folder, dng, libcamera) if path is not None]
     if len(sources) > 1 or not (sources or tone):
         must = "exactly one is needed, as in 'blurnoise cameras fit FOLDER -o mine.yaml', or --tone alone"
@@ -115,16 +119,11 @@ def cameras_fit(
     of_frames |= {"bit_depth": bit_depth} if libcamera is None else {}
     if folder is None:
         inputs.refuse_unused(of_frames, "a folder of frames")
-    named = (
-        libcamera.stem
-        if libcamera and libcamera.stem in PRESETS
-        else "imx250"
-        if folder or dng
-        else "imx250c"
-    )
-    base = base or named
-    camera = to_camera.on_base(output.stem, {}, base)  # before any work
-    curve = None
+    base = base or ("imx250" if folder or dng else "imx250c")
+    if libcamera and libcamera.stem in PRESETS:
+        base = libcamera.stem
+    camera = to_camera.on_base(output.stem, {}, base)  # refuses a wrong base before the frames are read
+    curve, table, notes = None, None, list[str]()
     if tone is not None:
         from blurnoise_eval.calibration.tone import measure_tone
 
@@ -137,38 +136,24 @@ def cameras_fit(
         from blurnoise_eval.calibration.libcamera import camera_of_libcamera
 
         camera = camera_of_libcamera(libcamera, base=base, bit_depth=bit_depth)
-    table, notes = None, list[str]()
-    if folder is not None:
-        from rich.table import Table
-
+    elif folder is not None:
         from blurnoise_eval.calibration import figure, light
         from blurnoise_eval.calibration.fit import measure
         from blurnoise_eval.calibration.formats import RawLayout
-        from blurnoise_eval.calibration.uncertain import interval_texts
         from blurnoise_eval.system.files import write_figure
 
         layout = RawLayout.parse(raw_layout) if raw_layout else None
-        found = measure(folder, bit_depth=bit_depth, layout=layout, cfa=cfa)
-        taken = [level.taken.temperature_c for level in found.dark]
-        known_c = [celsius for celsius in taken if celsius is not None]
-        if temperature_c is None and known_c:
-            temperature_c = sum(known_c) / len(known_c)
-        camera = to_camera.camera_of(found, output.stem, base=base, temperature_c=temperature_c)
-        lux = light.of_grey_card(found, camera, grey_card)
+        measurement = measure(folder, bit_depth=bit_depth, layout=layout, cfa=cfa)
+        camera = to_camera.camera_of(measurement, output.stem, base=base, temperature_c=temperature_c)
+        lux = light.of_grey_card(measurement, camera, grey_card)
         camera = to_camera.changed(camera, lux)
-        plot = output.with_suffix(".png")
-        write_figure(plot, figure.draw_fit(found, camera.name), dpi=150)
-        table = Table(
-            "quantity", "value", "95 % interval", "unit", title=f"Photon transfer of {found.frames}"
-        )
-        for name, each, unit in found.rows():
-            interval = " to ".join(interval_texts(each)) if each else ""
-            table.add_row(name, f"{each.value:.4g}" if each else "not available", interval, unit)
-        if found.cfa and set(found.cfa) != set(camera.sensor.cfa):
-            notes.append(
-                f"the camera file has the colour filters {camera.sensor.cfa} of its base; use --base imx250c for RGGB"
-            )
-        notes += [*(f"warning: {doubt.text}" for doubt in found.doubts), *found.notes]
+        if plot:
+            write_figure(plot, figure.draw_fit(measurement, camera.name), dpi=150)
+        table = _table(measurement)
+        if measurement.cfa and set(measurement.cfa) != set(camera.sensor.cfa):
+            filters = f"the camera file has the colour filters {camera.sensor.cfa} of its base"
+            notes.append(f"{filters}; use --base imx250c for RGGB")
+        notes += [*(f"warning: {doubt.text}" for doubt in measurement.doubts), *measurement.notes]
         notes += [f"{name}: {source}" for name, (_, source) in lux.items()]
     if curve is not None:
         camera = to_camera.changed(camera, curve.known)
@@ -177,4 +162,19 @@ def cameras_fit(
     show(table or figures(camera))
     for note in notes:
         say_wrapped(note, hanging=2)
-    say(output, *([] if folder is None else [plot]))
+    say(*filter(None, (output, plot)))
+
+
+def _table(measurement: Measurement) -> Table:
+    """The measured figures with their intervals."""
+    from rich.table import Table
+
+    from blurnoise_eval.calibration.uncertain import interval_texts
+
+    title = f"Photon transfer of {measurement.frames}"
+    table = Table("quantity", "value", "95 % interval", "unit", title=title)
+    for name, estimate, unit in measurement.rows():
+        interval = " to ".join(interval_texts(estimate)) if estimate else ""
+        value = f"{estimate.value:.4g}" if estimate else "not available"
+        table.add_row(name, value, interval, unit)
+    return table

@@ -22,7 +22,7 @@ from blurnoise_eval.system.terminal import say, say_json, say_wrapped, table_lin
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from blurnoise_eval.measure.comparison import Comparison
+    from blurnoise_eval.measure.comparison import MeasureComparison
 
 
 def validate(
@@ -131,7 +131,9 @@ def _validate_frames(
     say("", *notes)
 
 
-def _write(comparisons: Sequence[Comparison], facts: dict[str, Any], output: Path | None) -> dict[str, Any]:
+def _write(
+    comparisons: Sequence[MeasureComparison], facts: dict[str, Any], output: Path | None
+) -> dict[str, Any]:
     """Write validation.csv and validation.json, if there is a folder; return what the latter holds."""
     from blurnoise_eval.system.files import check_outputs, write_records
 

@@ -155,10 +155,10 @@ def mean_of(estimates: Sequence[Estimate]) -> Estimate:
     1.5
     """
     count = len(estimates)
-    value = math.fsum(each.value for each in estimates) / count
-    below = math.fsum(each.value - each.low for each in estimates) / count**1.5
-    above = math.fsum(each.high - each.value for each in estimates) / count**1.5
-    flags = frozenset[str]().union(*(each.flags for each in estimates))
+    value = math.fsum(estimate.value for estimate in estimates) / count
+    below = math.fsum(estimate.value - estimate.low for estimate in estimates) / count**1.5
+    above = math.fsum(estimate.high - estimate.value for estimate in estimates) / count**1.5
+    flags = frozenset[str]().union(*(estimate.flags for estimate in estimates))
     return Estimate(value, value - below, value + above, flags)
 
 

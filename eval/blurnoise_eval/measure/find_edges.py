@@ -57,7 +57,7 @@ class DetectedEdges:
 
 
 @dataclass(frozen=True)
-class _Box:
+class _LineRegion:
     """A region around a line from top to bottom: its rows, and its widths left and right of the line, px."""
 
     line: Segment
@@ -81,6 +81,11 @@ def find_edges(picture: LinearPicture) -> DetectedEdges:
 
     Edges are ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but tilted enough to sample
     all phases; regions grow while their sides are uniform. The same picture gives the same regions.
+
+    >>> from blurnoise import charts
+    >>> picture = LinearPicture(charts.slanted_edge(60, 80)[0].double(), full_scale=1.0)
+    >>> find_edges(picture).rois
+    [(0, 0, 80, 60)]
     """
     accepted: list[tuple[Roi, bool, Segment]] = []
     reasons: Counter[Flag] = Counter()
@@ -119,14 +124,14 @@ class _OrientedView:
         for ends_px in sorted(
             {_END_PX, max(_END_PX, (bottom - top) / 4)}
         ):  # blurred corners reach further in
-            box, edge = self._widest(_Box(line, top + ends_px, bottom - ends_px))
+            box, edge = self._widest(_LineRegion(line, top + ends_px, bottom - ends_px))
             if not isinstance(edge, Flag):
                 box = self._stretched(box, float(edge.distance_px[-1]))
                 return box.roi(*self.plane.shape) or Flag.REGION_TOO_SMALL
             why.append(edge)
         return why[0]
 
-    def _edge_in(self, box: _Box) -> SlantedEdge | Flag:
+    def _edge_in(self, box: _LineRegion) -> SlantedEdge | Flag:
         """The edge in ``box``, or the reason why it is not usable."""
         roi = box.roi(*self.plane.shape)
         if roi is None:
@@ -156,9 +161,9 @@ class _OrientedView:
         blocks = cv2.blur(off, (_BLOCK_PX, _BLOCK_PX), borderType=cv2.BORDER_REFLECT)
         return bool(np.abs(blocks).max() < max(_UNEVEN, 6 * noise / _BLOCK_PX))
 
-    def _widest(self, box: _Box) -> tuple[_Box, SlantedEdge | Flag]:
+    def _widest(self, box: _LineRegion) -> tuple[_LineRegion, SlantedEdge | Flag]:
         """The widest usable region with equal sides, or the reason why there is none."""
-        best: tuple[_Box, SlantedEdge | Flag] | None = None
+        best: tuple[_LineRegion, SlantedEdge | Flag] | None = None
         why: list[Flag] = []
         for width in _WIDTHS_PX:
             wider = replace(box, left=width, right=width)
@@ -171,7 +176,7 @@ class _OrientedView:
                 break
         return best or (box, why[0])
 
-    def _stretched(self, box: _Box, reach_px: float) -> _Box:
+    def _stretched(self, box: _LineRegion, reach_px: float) -> _LineRegion:
         """Move one side of ``box`` after the other outwards while the edge is usable.
 
         reach_px: of the blur. This much is removed from the ends again, at most a quarter of the length, because the
@@ -195,7 +200,7 @@ class _OrientedView:
                 box = wider
         return box
 
-    def _if_usable(self, box: _Box, **moved: Any) -> _Box | None:
+    def _if_usable(self, box: _LineRegion, **moved: Any) -> _LineRegion | None:
         """``box`` with other sides, if its edge is usable."""
         other = replace(box, **moved)
         return None if isinstance(self._edge_in(other), Flag) else other
@@ -214,7 +219,7 @@ def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:
     scales = [min(1.0, _FINEST_PX / max(plane.shape))]
     while max(plane.shape) * scales[-1] >= 2 * _COARSEST_PX:
         scales.append(scales[-1] / 2)
-    found: set[tuple[bool, Segment]] = set()
+    lines: set[tuple[bool, Segment]] = set()
     for scale in scales:
         size = tuple(max(1, round(side * scale)) for side in plane.shape[::-1])
         small = cv2.resize(shown, size, interpolation=cv2.INTER_AREA)
@@ -225,5 +230,5 @@ def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:
                 [(x0, y0), (x1, y1)] if transposed else [(y0, x0), (y1, x1)]
             )
             if bottom - top >= SHORTEST_PX and abs(last - first) <= _STEEPEST * (bottom - top):
-                found.add((transposed, (first, top, last, bottom)))
-    return sorted(found, key=lambda line: (line[1][1] - line[1][3], line))[:_TRIALS]
+                lines.add((transposed, (first, top, last, bottom)))
+    return sorted(lines, key=lambda line: (line[1][1] - line[1][3], line))[:_TRIALS]

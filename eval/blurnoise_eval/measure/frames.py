@@ -1,4 +1,4 @@
-"""Comparison of real frames with simulated frames of the same light, at levels that the fit did not use.
+"""MeasureComparison of real frames with simulated frames of the same light, at levels that the fit did not use.
 
 Only the sensor is simulated (:func:`blurnoise.sensor.readout.read_out`): its light has the smooth shading of the real
 mean frame, and the mean that a straight line through the other levels predicts.
@@ -31,7 +31,7 @@ from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.listing import FrameFile
 from blurnoise_eval.calibration.uncertain import Z
 from blurnoise_eval.measure import classifier
-from blurnoise_eval.measure.comparison import DIFFERS, Comparison, corrected
+from blurnoise_eval.measure.comparison import DIFFERS, MeasureComparison, corrected
 from blurnoise_eval.measure.statistics import (
     MEAN,
     STATISTICS,
@@ -71,12 +71,12 @@ class Validation:
 
     camera: Camera
     fitted: Measurement | None
-    comparisons: Sequence[Comparison]
+    comparisons: Sequence[MeasureComparison]
     auc: dict[str, tuple[Estimate, Estimate]]
     pairs: Sequence[LevelPair]
     notes: Sequence[str]
 
-    def of(self, kind: str, measure: str | None = None) -> list[Comparison]:
+    def of(self, kind: str, measure: str | None = None) -> list[MeasureComparison]:
         """The comparisons of dark or flat frames, of all measures or one, level by level."""
         return [
             comparison
@@ -167,7 +167,7 @@ def validate(
     if not light.fitted:
         notes.append("the light is taken from the mean of each level, so the means are not compared")
     uncertainty = _Uncertainty(camera, light, fitted, _dark_scatter(files))
-    pairs, comparisons = list[LevelPair](), list[Comparison]()
+    pairs, comparisons = list[LevelPair](), list[MeasureComparison]()
     for level in levels:
         first, planes = level[0], _frames(files, level)
         name = f"{first.kind} {first.exposure_s * 1e3:g} ms"
@@ -178,9 +178,9 @@ def validate(
         simulated = FrameStack(_simulated(camera, first, real, light, seed))
         pairs.append(LevelPair(name, first.kind, real, simulated))
         errors = uncertainty.of(simulated, first.kind)
-        found = compare_levels(real, simulated, errors, kind=first.kind, level=name)
+        of_level = compare_levels(real, simulated, errors, kind=first.kind, level=name)
         # without a line of light, the simulated mean is the real one by construction
-        comparisons += found if light.fitted or first.kind == "dark" else found[1:]
+        comparisons += of_level if light.fitted or first.kind == "dark" else of_level[1:]
     by_kind = {kind: [pair for pair in pairs if pair.kind == kind] for kind in ("dark", "flat")}
     refuse(not by_kind["flat"], "frames: all flat levels are clipped; one or more must be below saturation")
     if dark := by_kind["dark"]:
@@ -261,7 +261,7 @@ class _LightLine:
             self.scatter = math.sqrt(float((off * off).sum()) / (len(x) - 2))
 
     def electrons(self, frame: FrameFile, mean_dn: float) -> float:
-        """Mean photo-electrons of a level, by the line, or without one by the frames' own mean."""
+        """Mean photo-electrons of a level, by the line, or without a line by their own mean."""
         if frame.kind == "dark":
             return 0.0
         line = self._slope * self._x(frame) + self._offset if self.fitted else self._measured(frame, mean_dn)

@@ -1,4 +1,4 @@
-"""Comparison of a simulated picture of a chart with a real one: mean, noise and sharpness.
+"""MeasureComparison of a simulated picture of a chart with a real one: mean, noise and sharpness.
 
 Domain: two linear pictures of one size, colour as luminance. They must show the same scene at the same place to a few
 pixels.
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.datasets import Image
-from blurnoise_eval.measure.comparison import CANNOT_TELL, Comparison, Measure, compared, corrected
+from blurnoise_eval.measure.comparison import CANNOT_TELL, Measure, MeasureComparison, compared, corrected
 from blurnoise_eval.measure.edges import RESAMPLES
 from blurnoise_eval.measure.find_edges import UNUSABLE, find_edges
 from blurnoise_eval.measure.linear import Coding, LinearPicture, linear
@@ -58,7 +58,7 @@ def linear_pair(
     return one, other
 
 
-def compare(real: LinearPicture, simulated: LinearPicture) -> tuple[list[Comparison], list[str]]:
+def compare(real: LinearPicture, simulated: LinearPicture) -> tuple[list[MeasureComparison], list[str]]:
     """Compare mean, noise at each level and MTF50 of slanted edges; also returns notes, a sentence each."""
     notes = list(dict.fromkeys([*real.notes, *simulated.notes]))
     noise, sharpness = _compare_noise(real, simulated), _compare_sharpness(real, simulated)
@@ -89,7 +89,7 @@ class _Squares(NamedTuple):
     rest: Floats
 
 
-def _compare_noise(real: LinearPicture, simulated: LinearPicture) -> list[Comparison]:
+def _compare_noise(real: LinearPicture, simulated: LinearPicture) -> list[MeasureComparison]:
     """Noise of the squares that are uniform in both pictures, level by level: the levels are separated at the widest
     gaps, as the patches of a chart are."""
     pair = [_squares(picture.grey) for picture in (real, simulated)]
@@ -149,7 +149,7 @@ def _squares(picture: Floats) -> _Squares:
     return _Squares(level, variance, structure < _EVEN * usual, rest)
 
 
-def _compare_sharpness(real: LinearPicture, simulated: LinearPicture) -> list[Comparison]:
+def _compare_sharpness(real: LinearPicture, simulated: LinearPicture) -> list[MeasureComparison]:
     """MTF50 at edges of the simulated picture that the real one shows at the same place.
 
     Both edges hide the same faults, so only the part of their intervals that comes from noise counts.

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from blurnoise.metrics.values import Estimate
-from blurnoise_eval.measure.comparison import Comparison, Measure, compared
+from blurnoise_eval.measure.comparison import Measure, MeasureComparison, compared
 
 Floats = NDArray[np.float64]
 _BLOCK_PX = 64  # of which 32 or less in small pictures, two or more along each side
@@ -174,7 +174,7 @@ def compare_levels(
     *,
     kind: str = "",
     level: str = "",
-) -> list[Comparison]:
+) -> list[MeasureComparison]:
     """Every statistic of a level. errors: further standard errors of differences, by the statistic's name, that the
     parts of one picture do not show."""
     comparisons = []
@@ -193,7 +193,9 @@ def compare_levels(
     return comparisons
 
 
-def compare_scatter(real: Sequence[FrameStack], simulated: Sequence[FrameStack], kind: str) -> Comparison:
+def compare_scatter(
+    real: Sequence[FrameStack], simulated: Sequence[FrameStack], kind: str
+) -> MeasureComparison:
     """Compare the standard deviation of frame means about the mean of their level, over all levels (F test)."""
     freedom = sum(len(stack.frame_means) - 1 for stack in real)
     squares = [
@@ -207,4 +209,4 @@ def compare_scatter(real: Sequence[FrameStack], simulated: Sequence[FrameStack],
         low, high = (math.sqrt(ratio / law.ppf(quantile)) - 1 for quantile in (0.975, 0.025))
         difference = Estimate(one / other - 1, low, high)
         chance = 2 * min(float(law.sf(ratio)), float(law.cdf(ratio)))
-    return Comparison(SCATTER, one, other, difference, chance, kind, f"all {kind}")
+    return MeasureComparison(SCATTER, one, other, difference, chance, kind, f"all {kind}")

@@ -98,7 +98,7 @@ BAD_FIELDS = [
     ({"quantum_efficiency": {"csv": ["a"] * 10**4}}, "quantum_efficiency: csv = ['a', 'a'"),
     ({"quantum_efficiency": {"csv": "no.csv"}}, "csv 'no.csv' cannot be read: No such file"),
     ({"quantum_efficiency": {"csv": "bad.csv"}}, "bad.csv, line 2"),
-    ({"quantum_efficiency": {"csv": "a.csv", "values": [1]}}, "must not stand beside it"),
+    ({"quantum_efficiency": {"csv": "a.csv", "values": [1]}}, "give either the file or the numbers"),
     ({"quantum_efficiency": {"csv": "qe.csv", "column": 0}}, "column = 0"),
     ({"quantum_efficiency": {"csv": "percent.csv"}}, "quantum_efficiency = 60.0"),
     (
@@ -140,7 +140,7 @@ def test_missing_fields_are_named(tmp_path):
     with pytest.raises(ValueError, match="missing name"):
         Camera.from_dict(nameless)
     for left_out in set(OWN) - {"name"}:
-        with pytest.raises(ValueError, match=f"missing {left_out}; state them, or a base: one of ar0132at"):
+        with pytest.raises(ValueError, match=f"missing {left_out}; give them, or a base: one of ar0132at"):
             Camera.from_dict({name: value for name, value in OWN.items() if name != left_out})
 
 

@@ -105,7 +105,7 @@ def test_green_by_difference():
     camera = IMX250.with_figures(cfa="RCCB", quantum_efficiency=FilterCurves(red=0.2, blue=0.1, clear=0.5))
     assert clear_shares(camera) == pytest.approx((0.4, 0.4, 0.2))
     assert matrix(camera)[1] == pytest.approx((-1, 2.5, -0.5))
-    with pytest.raises(ValueError, match=r"clear makes .* cfa = 'RCCB' makes green of what clear has more"):
+    with pytest.raises(ValueError, match=r"clear makes .* cfa = 'RCCB' takes green from the difference"):
         clear_shares(camera.with_figures(quantum_efficiency=FilterCurves(red=0.3, blue=0.2, clear=0.5)))
 
 

@@ -189,7 +189,7 @@ def test_sources_are_opencvs(scale):
     shape = Distortion("opencv", (-0.2, 0.04, 0.001, -0.0005, 0.002), (400.0, 410.0), (330.0, 235.0))
     lens = field(distortion=shape)
     size = (480 // scale, 640 // scale)
-    back = lens.moved(lenses.sources(lens, size), size)
+    back = lens.from_pinhole(lenses.sources(lens, size), size)
     np.testing.assert_allclose(back, np.meshgrid(np.arange(size[1]), np.arange(size[0])), atol=1e-6)
     if scale == 1:
         matrix = np.array([[400.0, 0, 330], [0, 410, 235], [0, 0, 1]])
@@ -197,7 +197,7 @@ def test_sources_are_opencvs(scale):
             matrix, np.array(shape.coefficients), None, matrix, (640, 480), cv2.CV_32FC1
         )
         grid = np.meshgrid(np.arange(640.0), np.arange(480.0))
-        np.testing.assert_allclose(lens.moved(np.stack(grid), (480, 640)), theirs, atol=1e-3)
+        np.testing.assert_allclose(lens.from_pinhole(np.stack(grid), (480, 640)), theirs, atol=1e-3)
 
 
 def picture(kind=torch.float64, planes=3, size=(H, W)):

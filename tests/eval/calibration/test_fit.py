@@ -12,10 +12,7 @@ from blurnoise_eval.calibration.transfer import rounded, spatial_variance
 SIZE = (241, 320)
 ROUNDS_DN = 0.2
 """Noise in the dark before rounding below which frames hold two numbers and tell bounds only."""
-CAMERA = made_frames.drawn_camera(2).with_figures(
-    full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=3.0, dark_current_e_s=300.0, prnu=0.01, dsnu_e=2.0,
-    black_level_dn=20.0, bit_depth=12,
-)  # fmt: skip
+CAMERA = made_frames.CAMERA.with_figures(read_noise_e=3.0, dark_current_e_s=300.0)
 FIGURES = (
     "system_gain_dn_per_e", "read_noise_e", "dark_current_e_s", "black_level_dn", "prnu", "dsnu_e", "full_well_e",
 )  # fmt: skip

@@ -13,10 +13,7 @@ from blurnoise_eval.calibration.to_camera import camera_of
 
 from blurnoise import Camera
 
-CAMERA = made_frames.drawn_camera(2).with_figures(
-    full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=4.0, prnu=0.01, dsnu_e=2.0, black_level_dn=20.0,
-    bit_depth=12,
-)  # fmt: skip
+CAMERA = made_frames.CAMERA
 
 
 def listed(folder, rows):

@@ -7,10 +7,7 @@ import pytest
 from blurnoise_eval.calibration.fit import measure
 from blurnoise_eval.calibration.formats import RawLayout
 
-CAMERA = made_frames.drawn_camera(2).with_figures(
-    full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=6.0, prnu=0.005, dsnu_e=1.0, black_level_dn=60.0,
-    dark_current_e_s=500.0, bit_depth=12,
-)  # fmt: skip
+CAMERA = made_frames.LOUDER.with_figures(dark_current_e_s=500.0)
 
 
 @pytest.fixture(scope="module")

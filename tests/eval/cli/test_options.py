@@ -182,13 +182,13 @@ def test_nothing_is_computed_for_a_place_that_cannot_be_written(command, tmp_pat
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        ("lux: 5\nlux: 50\n", "lux: stands twice, again in line 2"),
-        ("vehicle: {height_m: 1, height_m: 2}\n", "height_m: stands twice, again in line 1"),
+        ("lux: 5\nlux: 50\n", "lux: is given twice, again in line 2"),
+        ("vehicle: {height_m: 1, height_m: 2}\n", "height_m: is given twice, again in line 1"),
         ("lux: true\n", "lux = True: must be a number"),
         ("seed: yes\n", "seed = True: must be an integer"),
         ("lux: {a: 1}\n", "lux = {'a': 1}: must"),
         ("# seed: 3\n", "contains no setting; must have at least one, such as 'exposure_ms: ...'"),
-        ('{"lux": 5,\n "lux": 50}', "lux: stands twice"),
+        ('{"lux": 5,\n "lux": 50}', "lux: is given twice"),
     ],
 )
 def test_a_file_that_says_two_things_or_no_number_is_refused(content, told, tmp_path):

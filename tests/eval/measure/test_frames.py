@@ -12,7 +12,7 @@ from blurnoise_eval.calibration import fit, to_camera
 from blurnoise_eval.calibration.formats import RawLayout
 from blurnoise_eval.cli import main
 from blurnoise_eval.measure import classifier, frames
-from blurnoise_eval.measure.comparison import AGREES, DIFFERS, Comparison
+from blurnoise_eval.measure.comparison import AGREES, DIFFERS, MeasureComparison
 from blurnoise_eval.measure.frames import LevelPair, Validation
 from blurnoise_eval.measure.statistics import MEAN, STATISTICS, VARIANCE, FrameStack, compare_levels
 
@@ -204,7 +204,7 @@ def test_the_answer_follows_the_verdicts():
 
     def level(name, kind, measure, apart, chance=1.0):
         difference = Estimate(apart, apart - 0.01, apart + 0.01)
-        return Comparison(measure, 1.0, 1.0, difference, chance, kind, name)
+        return MeasureComparison(measure, 1.0, 1.0, difference, chance, kind, name)
 
     stacks = {name: FrameStack(np.full((2, 4, 4), dn)) for name, dn in (("dim", 50.0), ("bright", 2000.0))}
     pairs = [LevelPair(name, "flat", stack, stack) for name, stack in stacks.items()]

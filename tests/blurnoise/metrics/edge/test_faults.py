@@ -10,8 +10,8 @@ from edge_cases import CASES, CAUGHT, SPARED, Draw, Setting, measured, smoothed,
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.faults import certain
 from blurnoise.metrics.edge.hidden import gaussian_edge
-from blurnoise.metrics.edge.place import correlation_of
-from blurnoise.metrics.edge.response import FREQUENCIES, Response, block_weights, widening
+from blurnoise.metrics.edge.position import correlation_of
+from blurnoise.metrics.edge.response import FREQUENCIES, EdgeResponse, block_weights, widening
 
 WRONG = {case.name: case for case in CASES if case.deceives}
 HONEST = {case.name: case for case in CASES if not case.deceives}
@@ -155,7 +155,7 @@ def response(noise):
     """A power of 1.5 at one frequency over a fall from 1, and its noise, the same everywhere."""
     power = (1 - FREQUENCIES).clone()
     power[PEAK] = 1.5
-    return Response(FREQUENCIES[1:2], power[None], torch.full_like(power[None], noise), None)
+    return EdgeResponse(FREQUENCIES[1:2], power[None], torch.full_like(power[None], noise), None)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-14, -1e-14])

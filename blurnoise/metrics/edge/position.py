@@ -1,4 +1,4 @@
-"""Place of an edge in its region: its line, how far its blur reaches, and the levels and noise beside it.
+"""Position of an edge in its region: its line, the reach of its blur, and the levels and noise of its two sides.
 
 Domain: linear regions (B, H, W) float64, the edge near vertical. Positions are the columns, px, at which it crosses
 a row, pixel centres at integer + 0.5. Of a last dimension of size 2, entry 0 is the left side, 1 the right one.
@@ -16,20 +16,21 @@ from torch import Tensor
 
 from blurnoise.metrics.values import ROUNDING
 
-MARGIN_PX = 2.0  # an edge that comes closer to the side of its region has left it
-FLAT_AT_LEAST = 0.05  # share of the width at either side, at first taken to be flat
+MARGIN_PX = 2.0  # an edge that comes closer to the left or right border leaves its region
+FLAT_AT_LEAST = 0.05  # share of the width at either border that is assumed flat in the first iteration
 SIGNIFICANT = 6.0  # standard errors that a step must have
 # Shares of the step:
 FLAT = 0.005  # within which the edge counts as having reached its level
 SLOPING, LIT = 0.1, 0.35  # by which a side may rise over its length; by light that grows across the region
-STRUCTURE = 0.1  # by which anything beside the edge may stand out
+STRUCTURE = 0.1  # by which the sides may deviate from flat
 NOISELESS = 1e-8  # squared, of noise variance below which there is no noise
 
 REACH_FACTOR, REACH_PX = 1.35, 1.0
-"""Beyond the place where the edge is flat: a Gaussian within 0.5 % at 2.6 sigma is within 0.02 % at 3.5 sigma."""
+"""Factor and px beyond the distance at which the edge is flat: a Gaussian is within 0.5 % of its level at 2.6 sigma,
+within 0.02 % at 3.5 sigma."""
 STRIP_PX = 10.0  # least width of the strips in which levels and noise are measured
 WHOLE, WHOLE_COLUMNS = 0.98, 8  # share of the rows that a whole column has, and how many of them are enough
-RISING = 4.0  # standard errors of a rise that is no accident
+RISING = 4.0  # standard errors of a significant rise
 CERTAIN = 4.0  # standard errors of a correlation: one in 3 000 edges with white noise has it
 ALTERNATES = 5.0  # standard errors by which neighbours must alternate
 FADED = 1.5  # standard errors below which a correlation has ended
@@ -38,8 +39,11 @@ LENGTHS_PER_BLOCK, REACHES_PER_BLOCK, FEWEST_BLOCKS = 4, 2, 7
 
 
 @dataclass(frozen=True)
-class Line:
-    """position_px: (B, H). left, right: levels of the sides, (B,). no_edge, structured, leaves: (B,) bool."""
+class EdgeLine:
+    """The straight line of each edge.
+
+    position_px: (B, H). left, right: levels of the sides, (B,). no_edge, structured, leaves: (B,) bool.
+    """
 
     position_px: Tensor
     left: Tensor
@@ -51,8 +55,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Upright:
-    """Rows moved by whole pixels so that the edge is in the middle column: values, inside (1 where there was a pixel,
-    else 0), (B, H, 2 J + 1), and first, the column that each row's first entry had, (B, H)."""
+    """Rows shifted by whole pixels so that the edge is in the middle column. values, and inside (1 for pixels of the
+    region, else 0), (B, H, 2 J + 1); first: original column of each row's first entry, (B, H)."""
 
     values: Tensor
     inside: Tensor
@@ -72,7 +76,9 @@ class Upright:
 
 @dataclass(frozen=True)
 class Sides:
-    """reach_px: how far the blur reaches, (B,). rise: of the sides from left to right, per px, 0 unless certain.
+    """The two sides of each edge.
+
+    reach_px: how far the blur reaches, (B,). rise: of the sides from left to right, per px, 0 unless significant.
 
     level, variance, place_px: of the strips beside the reach, (B, 2), the variance about a plane. count, total,
     square: sums over each strip's pixels in every row, (B, H, 2), of 1, the values, and their squared deviations from
@@ -100,7 +106,7 @@ class Sides:
         return self.level[:, 1] - self.level[:, 0]
 
     def scaled(self, upright: Upright, position_px: Tensor) -> Tensor:
-        """The values with the sides at 0 and 1, whose light may grow along the edge and across it."""
+        """The values scaled so that the sides are 0 and 1; light may grow along the edge and across it."""
         row = torch.linspace(-1, 1, self.count.shape[1], dtype=torch.float64)[:, None]
         pixels = self.count.sum(1, keepdim=True)
         away = row - (self.count * row).sum(1, keepdim=True) / pixels
@@ -121,8 +127,11 @@ class Sides:
         return total / count, square / (count - 3)
 
 
-def find_line(values: Tensor) -> Line:
-    """Straight line of the edge from the dark share of every row's mean; levels from the columns beside it."""
+def find_line(values: Tensor) -> EdgeLine:
+    """Fit the straight line of each edge, from the dark share of every row's mean.
+
+    The mean of a row does not change with blur, so it gives the position of any symmetric edge. The levels come from
+    the columns beside the line, so line and levels are iterated."""
     _, height, width = values.shape
     columns, rows = values.mean(1), values.mean(2)
     from_left, from_right = columns.cumsum(1), columns.flip(1).cumsum(1)
@@ -141,11 +150,11 @@ def find_line(values: Tensor) -> Line:
     noise = (curved * curved).mean((1, 2)) / 6
     standing = SIGNIFICANT * torch.sqrt(noise * (1 / near + 1 / far) / height)
     step_squared = (right - left) ** 2
-    # An edge has at most a quarter of its step, squared, as variance; more of it is something else.
+    # An edge has a variance of at most a quarter of its squared step; more variance is other structure.
     structured = (total - noise > 0.35 * step_squared) & (total > 1.2 * noise)
     no_edge = ~structured & (step_squared <= standing**2)
     leaves = (position.amin(1) < MARGIN_PX) | (position.amax(1) > width - MARGIN_PX)
-    return Line(position, left, right, no_edge, structured, leaves)
+    return EdgeLine(position, left, right, no_edge, structured, leaves)
 
 
 def smooth(position_px: Tensor, *, order: int) -> Tensor:
@@ -174,14 +183,16 @@ def cosine(position_px: Tensor) -> Tensor:
 
 
 def largest_phase_gap_px(position_px: Tensor) -> Tensor:
-    """Widest stretch along the normal, within one pixel's period, in which no row samples the edge, (B,)."""
+    """Widest gap between the rows' sampling phases, px along the normal, (B,)."""
     phases = torch.sort(position_px.remainder(1.0), dim=1).values
     around = torch.cat([phases, phases[:, :1] + 1], dim=1)
     return torch.diff(around, dim=1).amax(1) * cosine(position_px)
 
 
 def measure_sides(values: Tensor, position_px: Tensor) -> tuple[Sides, Upright]:
-    """Reach of the edge, levels and noise in strips beside it, as wide or ``STRIP_PX``; and the upright edge."""
+    """Measure the reach of each edge, and level and noise in strips beside it; also return the upright edge.
+
+    A strip is as wide as the reach, at least ``STRIP_PX``."""
     width = values.shape[2]
     half = int(torch.maximum(position_px.amax(), width - position_px.amin()).ceil()) + 1
     first = position_px.floor().long() - half
@@ -209,13 +220,14 @@ def measure_sides(values: Tensor, position_px: Tensor) -> tuple[Sides, Upright]:
     square = torch.where((square.sum(1) <= least * pixels)[:, None], 0.0, square)
     variance = square.sum(1) / (pixels - 3).clamp_min(1)
     too_small |= (pixels < 2 * upright.values.shape[1]).any(1)
-    noisy = variance.amax(1) > NOISELESS * (level[:, 1] - level[:, 0]) ** 2  # rounding errors are correlated
+    # Without noise only rounding errors are left, which are correlated.
+    noisy = variance.amax(1) > NOISELESS * (level[:, 1] - level[:, 0]) ** 2
     sums = count, total, square, too_small, structured
     return Sides(reach_px, rise, level, variance, place, *sums, *correlation_of(left, noisy)), upright
 
 
 def _reach(upright: Upright) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """How far the edge is off lines through the outer halves of its sides; their rise; too_small; structured."""
+    """Distance up to which the edge leaves the lines through its sides; their rise; too_small; structured."""
     inside, height = upright.inside, upright.values.shape[1]
     seen = upright.values * inside
     count = inside.sum(1)
@@ -231,9 +243,11 @@ def _reach(upright: Upright) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     valid = count >= height / 4
     length = valid.sum(2)
     start = length / 2
-    for _ in range(2):  # once the reach is known, all that lies beyond it tells the lines
+    for _ in range(2):  # first from the outer halves, then from everything beyond the reach
         outer = valid & (place >= start[..., None])
-        whole = outer & (count >= WHOLE * height)  # of some rows alone, light that grows along the edge shows
+        whole = outer & (
+            count >= WHOLE * height
+        )  # columns of some rows only would take light that grows along the edge for a rise
         outer = torch.where(whole.sum(2, keepdim=True) >= WHOLE_COLUMNS, whole, outer)
         noise = (scatter.clamp_min(0) * outer).sum(2) / outer.sum(2).clamp_min(1)
         rise, level, centre, error, error_of_rise = _line(place, profile, noise[..., None], count, outer)
@@ -244,7 +258,8 @@ def _reach(upright: Upright) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         blur = three.to(torch.uint8).argmax(2).amax(1).to(torch.float64)
         start = torch.minimum(REACH_FACTOR * blur[:, None] + REACH_PX, length / 2)
     sure = RISING * error_of_rise
-    # Of light that grows across the region the sides rise as their levels; of blur that fills it, they rise alike.
+    # Growing light multiplies: the sides rise in proportion to their levels. Blur that fills the region makes both
+    # rise alike.
     rises, levels, tall = rise * length, level.clamp_min(0), step[:, 0, 0]
     apart = (rises[:, 0] * levels[:, 1] + rises[:, 1] * levels[:, 0]).abs() / levels.amax(1)
     lit = (apart < (0.03 * tall).maximum((sure * length).amax(1))) & (rises.abs().amax(1) < LIT * tall)
@@ -274,7 +289,7 @@ def _line(
 
 
 def _shelf(profile: Tensor, level: Tensor, error: Tensor) -> Tensor:
-    """Whether the profile rests half-way up, (B,): two steps with flat ground between them."""
+    """Whether the profile has a plateau between its levels, (B,): two steps with flat ground between them."""
     whole = torch.cat([profile[:, 0].flip(1), profile[:, 1, 1:]], dim=1)
     step = level[:, 1:] - level[:, :1]
     share, noise = (whole - level[:, :1]) / step, error[:, None] / step.abs()
@@ -302,17 +317,19 @@ def _about_plane(values: Tensor, mask: Tensor, level: Tensor) -> Tensor:
 def correlation_of(
     sides: Sequence[tuple[Tensor, Tensor]], noisy: Tensor
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """How the noise of ``sides`` (its values, and 1 where there are any, (B, H, W)) is correlated if ``noisy`` (B,).
+    """Correlation of the noise of ``sides`` (values and mask, (B, H, W)) in regions that are ``noisy`` (B,).
 
-    Of each region, (B,): NPS(0) over the variance, 1 where noise is white; the rows that a bootstrap draws together;
-    whether there are fewer than seven such blocks; whether neighbours alternate, as sharpening leaves them.
+    Returns, (B,) each: NPS(0) over the variance, 1 for white noise; how many rows a bootstrap draws together;
+    whether there are fewer than seven such blocks; whether neighbours alternate, which sharpening causes.
     """
     height = sides[0][0].shape[1]
     noise, there = [], []
     for off, where in sides:
         pixels = where.sum((1, 2), keepdim=True).clamp_min(1)
         power = torch.linalg.vector_norm(off, dim=(1, 2), keepdim=True) / pixels.sqrt()
-        noise.append((off / power.clamp_min(1e-15)).float())  # enough for sums known to parts in a hundred
+        noise.append(
+            (off / power.clamp_min(1e-15)).float()
+        )  # single precision: the sums are known to parts in a hundred
         there.append(where.float())
     along = _at_lags([each.mT for each in noise], [each.mT for each in there], min(ALONG_PX, height // 3))
     across = _at_lags(noise, there, ACROSS_PX)
@@ -341,7 +358,7 @@ def _at_lags(noise: Sequence[Tensor], there: Sequence[Tensor], most: int) -> tup
 
 
 def _length(correlation: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
-    """Sum over all lags up to where the correlation fades, 1 where nothing is certain, and that lag, (B,) each."""
+    """Correlation length, the sum over lags until the correlation fades (1 if none is significant); and that lag."""
     near = correlation[:, :8].sum(1) / torch.linalg.vector_norm(error[:, :8], dim=1)
     first = correlation[:, :2].amax(1) / error[:, 0]
     alive = (correlation > FADED * error).to(torch.int64).cumprod(1)
