@@ -174,7 +174,6 @@ NAMED_TWICE: dict[str, set[str]] = {
     # a door for another library
     "RandomExposure": {"blurnoise.albumentations", "blurnoise.training.augmentation"},
     "Axis": {"blurnoise.blur.fourier", "blurnoise_eval.plan.axes"},
-    "Comparison": {"blurnoise_eval.contracts.comparison", "blurnoise_eval.measure.comparison"},
     "Curve": {"blurnoise.camera.spectra", "blurnoise_eval.calibration.fit"},
     "Distortion": {"blurnoise.camera.lens", "blurnoise.light.lens"},
     "Draws": {"blurnoise.metrics.information", "blurnoise_models.scenes.paint"},
