@@ -185,11 +185,11 @@ class Detector(OnnxModel):
         self._buffers.blob = blob
         return self.run(blob), placement
 
-    def look(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
-        """What :meth:`detect` returns, and a function to boxes with their scores of classes where another one leads.
+    def detect_all(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
+        """Return the detections of :meth:`detect`, and a function that returns those of classes that lead no box.
 
-        It takes class ids and what the scores must exceed, one for each, and answers from ``OWN_SCORE`` on,
-        suppressed within each class. None where the graph has one score a box, or one class.
+        The function takes class ids and, for each, what its scores must exceed; it returns scores from ``OWN_SCORE``
+        on, suppressed within each class. It is None where the graph has one score per box, or one class.
         """
         outputs, placement = self._answers(image)
         candidates, detections = self._found(outputs, placement, MIN_SCORE, MOST_DETECTIONS)
