@@ -179,8 +179,6 @@ NAMED_TWICE: dict[str, set[str]] = {
     "Category": {"blurnoise_eval.datasets.coco_labels", "blurnoise_eval.run.documents"},
     "Comparison": {"blurnoise_eval.contracts.comparison", "blurnoise_eval.measure.comparison"},
     "Curve": {"blurnoise.camera.spectra", "blurnoise_eval.calibration.fit"},
-    "Distortion": {"blurnoise.camera.lens", "blurnoise.light.lens"},
-    "Draws": {"blurnoise.metrics.information", "blurnoise_models.scenes.paint"},
     "Frame": {"blurnoise_eval.datasets.bdd_labels", "blurnoise_eval.run.exposing"},
     "Header": {
         "blurnoise_eval.calibration.headers",
