@@ -173,21 +173,9 @@ def prints(source):
 NAMED_TWICE: dict[str, set[str]] = {
     # a door for another library
     "RandomExposure": {"blurnoise.albumentations", "blurnoise.training.augmentation"},
-    "Annotation": {"blurnoise_eval.datasets.coco_labels", "blurnoise_eval.datasets.voc_labels"},
     "Axis": {"blurnoise.blur.fourier", "blurnoise_eval.plan.axes"},
-    "Box": {"blurnoise_eval.datasets.voc_labels", "blurnoise_eval.measure.find_edges"},
-    "Category": {"blurnoise_eval.datasets.coco_labels", "blurnoise_eval.run.documents"},
-    "Comparison": {"blurnoise_eval.contracts.comparison", "blurnoise_eval.measure.comparison"},
     "Curve": {"blurnoise.camera.spectra", "blurnoise_eval.calibration.fit"},
-    "Frame": {"blurnoise_eval.datasets.bdd_labels", "blurnoise_eval.run.exposing"},
-    "Header": {
-        "blurnoise_eval.calibration.headers",
-        "blurnoise_eval.datasets.images",
-        "blurnoise_eval.datasets.netpbm",
-    },
-    "Layout": {"blurnoise.blur.fourier", "blurnoise_eval.detectors.formats.family"},
-    "Objects": {"blurnoise.light.motion", "blurnoise_eval.datasets.yolo_labels"},
-    "Scene": {"blurnoise.scene.scene", "blurnoise_eval.datasets.rendered", "blurnoise_models.scenes.compose"},
+    "Scene": {"blurnoise.scene.scene", "blurnoise_models.scenes.compose"},
 }
 """Names that stand for several classes all the same, and where; no further ones."""
 

@@ -72,7 +72,7 @@ class Readout:
 
 @dataclass(frozen=True, eq=False)
 class Displacement:
-    """How far something is displaced at time t: ``even_px`` t / T and where the path is, seen in each row's window.
+    """Displacement at time t: ``even_px`` t / T plus the position on the path, during the exposure of each row.
 
     even_px: (2,), or (2, H, W) of each pixel of the picture, during an exposure; its gradients pass. exposure_s: ().
     """
@@ -159,8 +159,8 @@ class Displacement:
         return begin + sums(durations), knots - origin
 
     def even(self, window: Window) -> tuple[Tensor, Tensor]:
-        """Even displacement (2, h, 1 or w) of a window's pixels in the middle of their rows' exposures, and what of
-        it passes during these."""
+        """Displacement (2, h, 1 or w) of a window's pixels without the path: at the middle of each row's exposure,
+        and during it."""
         if self.flows:
             base, along = self._flow
             return base[:, *window.within], along[:, *window.within]
@@ -234,7 +234,7 @@ class Displacement:
         return least.min(1), largest.max(1)
 
     def passed(self, rest: Window) -> Window:
-        """The pixels that an object may cover whose window at rest is ``rest``."""
+        """The pixels that an object may cover during the exposure; ``rest``: those that it covers at mid-exposure."""
         if self.way == "rows":
             stretch(self.velocity_px_s[1], self.readout.row_s)
         seen, before = Window(0, 0, self.readout.rows, 1), None
@@ -272,7 +272,7 @@ class Displacement:
         return np.stack([np.interp(at, times, along) for along in knots])
 
     def seen_rows(self, rows: Floats) -> Floats:
-        """The rows r in which rows of the scene are seen on average: r - y(r) = row."""
+        """The rows r that show rows of the scene, on average over their exposure: r - y(r) = row."""
         low, high = self.range_px(Window(0, 0, self.readout.rows, 1))
         reach = math.ceil(max(high[1], -low[1])) + 1
         far = rows - rows.clip(
@@ -284,7 +284,7 @@ class Displacement:
         return seen
 
     def covered(self, boxes: Floats) -> Floats:
-        """What boxes (N, 4), px between pixels' centres, cover in all rows' windows.
+        """The boxes that boxes (N, 4), px between pixels' centres, sweep while their rows are exposed.
 
         At each time, the rows that are exposed show the part of a box that is there; rows beyond the picture are
         exposed as its last ones.

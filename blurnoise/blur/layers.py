@@ -7,8 +7,8 @@ the picture at rest has it. One object of light F and matte alpha before a backg
 
 The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever either of the two is still (Giusti &
 Caglioti 2007, inria-00264748). Where both move, and where objects overlap that move differently, it is a mean of
-sub-exposures in a window around what the objects pass, for what varies together alone. Where a matte meets the
-picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
+sub-exposures in a window around the paths of the objects. Where a matte meets the picture's border it continues
+beyond it as the border does; elsewhere nothing is beyond it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from blurnoise._core.checks import (
 from blurnoise._core.threads import differentiable, same_bits
 from blurnoise.blur import convolution, fourier, rows, sub_exposures
 from blurnoise.blur.displacement import Displacement, Readout, spread_px
-from blurnoise.blur.sub_exposures import Sheet
+from blurnoise.blur.sub_exposures import MovingPlane
 from blurnoise.camera.transfer import SHARP
 
 _PLACE_PX = 1 << 20
@@ -141,6 +141,11 @@ def expose_layers(
 
     exposure_s: a number or (B,). velocity_px_s: of the background, (2,) or (B, 2). Differentiable in every light,
     matte, velocity and exposure. Raises ``TypeError`` or ``ValueError`` naming the argument.
+
+    >>> sign = Layer(torch.ones(1, 3, 4), torch.ones(3, 4), velocity_px_s=(300.0, 0.0), place_px=(5, 2))
+    >>> light = expose_layers(torch.zeros(1, 1, 8, 14), [sign], exposure_s=0.01)
+    >>> round(float(light.sum()), 1)  # 3 px of motion spread the light of 12 px and keep it
+    12.0
     """
     image_batch("background", background)
     one_of("border", border, BORDERS)
@@ -162,7 +167,7 @@ def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
     if moves.still:
         return picture
     if moves.way == "sub-exposures":
-        return sub_exposures.exposed(Sheet(picture[0], moves, border=border))[None]
+        return sub_exposures.exposed(MovingPlane(picture[0], moves, border=border))[None]
     if moves.way == "rows" and moves.each_row_differs:
         return rows.exposed(picture, moves, border)
     if moves.way == "rows":
@@ -229,7 +234,7 @@ def _blurred(own: _Alike, window: Window, like: Tensor, border: Border) -> tuple
     work = _work(window, [moves])
     plane = plane_of(own.layers, work, like, border)
     if moves.readout.row_s and not moves.still:
-        seen = sub_exposures.exposed(Sheet(plane[0], moves, work.top, work.left), window)[None]
+        seen = sub_exposures.exposed(MovingPlane(plane[0], moves, work.top, work.left), window)[None]
     else:
         seen = cut(moved(plane, moves, "circular"), work, window)
     return seen[:, :-1], seen[:, -1:].clamp(0, 1)
@@ -243,8 +248,10 @@ def _sub_exposed(
     moves: Displacement,
     border: Border,
 ) -> Tensor:
-    """The window (1, C, h, w) as a mean of sub-exposures of what varies together; what does not, the light of the
-    foremost and what is uncovered of the background, is as exact as elsewhere."""
+    """Sub-expose a window (1, C, h, w) only where layer and background motion interact.
+
+    The front layer's light and the visible background are blurred exactly, and added.
+    """
     every = [moves, *(each.moves for each in group)]
     longest = max(float(each.length_px(window).max()) for each in every)
     if longest > _LONGEST_PX:
@@ -252,14 +259,14 @@ def _sub_exposed(
             f"displacement_px: {longest:.4g} px; a layer before others in motion takes at most {_LONGEST_PX:g}"
         )
     work = _work(window, every)
-    sheets = [Sheet(continued_in(ground, work, border)[0], moves, work.top, work.left, "replicate")]
+    planes = [MovingPlane(continued_in(ground, work, border)[0], moves, work.top, work.left, "replicate")]
     front = group[-1]
     for each in group:
         plane = plane_of(each.layers, work, ground, border)[0]
         if each is front and not front.moves.each_row_differs:  # its light is added below
             plane = plane[-1:]
-        sheets.append(Sheet(plane, each.moves, work.top, work.left))
-    light, uncovered = sub_exposures.exposed_together(sheets, window)
+        planes.append(MovingPlane(plane, each.moves, work.top, work.left))
+    light, uncovered = sub_exposures.exposed_together(planes, window)
     if not front.moves.each_row_differs:
         colour, share = _blurred(front, window, ground, border)
         light = light + colour[0]
@@ -268,7 +275,7 @@ def _sub_exposed(
 
 
 def _work(window: Window, moves: Sequence[Displacement]) -> Window:
-    """The window enlarged by all motion through it, and further to lengths with fast transforms."""
+    """The window enlarged by the motion that enters it, then to lengths with fast transforms."""
     farthest = np.max([np.abs(each.range_px(window)).max(0) for each in moves], 0)
     across, down = map(spread_px, farthest.tolist())
     grown = window.grown(down, across)
@@ -281,7 +288,7 @@ def _work(window: Window, moves: Sequence[Displacement]) -> Window:
 
 
 def meeting(windows: Sequence[Window]) -> list[tuple[Window, list[int]]]:
-    """Groups of windows that meet, by way of others too: the window of all, and their places in order."""
+    """Groups of windows that overlap, directly or through others: the joint window, and their indices in order."""
     groups: list[tuple[Window, list[int]]] = []
     for place, window in enumerate(windows):
         members = [place]
@@ -312,8 +319,10 @@ def coloured(plane: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def trimmed(layer: Layer) -> Layer:
-    """The layer without margins in which its matte is 0: an object that meets no border goes on beyond none. One
-    whose matte needs gradients, or is empty, keeps them."""
+    """The layer without margins in which its matte is 0, so that only objects at the border continue beyond it.
+
+    A layer whose matte needs gradients, or is empty, is returned unchanged.
+    """
     x, y, width, height = cv2.boundingRect((layer.alpha.detach() > 0).byte().cpu().numpy())
     if differentiable(layer.alpha) or width == 0 or (height, width) == tuple(layer.alpha.shape):
         return layer
@@ -324,12 +333,12 @@ def trimmed(layer: Layer) -> Layer:
 def seen_behind(
     layer: Layer, movers: Sequence[tuple[Layer, Iterable[float]]], size: tuple[int, int]
 ) -> float:
-    """Share of the background hidden at mid-exposure that is seen: sum of alpha (1 - a) / sum of alpha.
+    """Share of the background hidden at mid-exposure that becomes visible: sum of alpha (1 - a) / sum of alpha.
 
-    a is the share of the exposure for which a pixel is covered. For a w px wide object that moves L along its width
-    L / 4w up to L = 2w, then 1 - w / L. movers: everything before the background, the object too, each with its
-    displacement against that; those of different motions as if they came in each other's way at random. size: of
-    the picture (H, W), whose border an object that ends there goes on beyond, as its reflection does.
+    a is the share of the exposure for which a pixel is covered. For an object w px wide that moves L along its width
+    it is L / 4w up to L = 2w, then 1 - w / L. movers: all objects, this one included, each with its displacement
+    relative to the background; objects of different motions count as independent. size: of the picture (H, W); an
+    object at its border continues beyond it by reflection.
     """
 
     def matte(of: Layer, window: Window) -> Tensor:

@@ -181,12 +181,15 @@ def times(light: Tensor, factors: Tensor | NDArray[Any], margin: int, length: in
 
 
 def _closed(plane: Any) -> Any:
-    """Rows whose end is led to their start: a step where a row wraps round would ring. Arrays are written to."""
+    """Cross-fade the end of each row into its start, which avoids ringing at the FFT's wrap-around.
+
+    Modifies arrays, and copies tensors.
+    """
     share = (1 - np.cos(np.pi * (np.arange(_CLOSING_PX) + 0.5) / _CLOSING_PX)) / 2
     last, first = plane[..., -_CLOSING_PX:], plane[..., :1]
     if isinstance(plane, Tensor):
-        led = last + (first - last) * torch.from_numpy(share).to(plane)
-        return torch.cat([plane[..., :-_CLOSING_PX], led], -1)
+        faded = last + (first - last) * torch.from_numpy(share).to(plane)
+        return torch.cat([plane[..., :-_CLOSING_PX], faded], -1)
     last += (first - last) * share.astype(plane.dtype)
     return plane
 

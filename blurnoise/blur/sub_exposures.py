@@ -1,16 +1,17 @@
-"""The one formula of motion: a pixel's mean over its row's exposure of what passes it, layers in front first.
+"""Motion by sub-exposures: each pixel is the mean over its row's exposure of the light that passes it.
 
     I(p) = mean over k of (layers)(p - d(p, t_k)),
 
-d a :class:`.displacement.Displacement` of each layer's own, t_k a time of the pixel's row. What moves is at
-mid-exposure where the picture has it. A constant stays constant. At steps of depth the picture is one sheet: the
-nearer side takes from the farther one and the reverse.
+d is the :class:`.displacement.Displacement` of each layer, t_k a time within the exposure of the pixel's row. At
+mid-exposure everything is where the picture shows it. A constant stays constant. Steps of depth within one picture
+are not modelled: light mixes across them.
 
-Sub-exposures are as many in each band of rows as its longest way needs, their times spread a little so that their
-variance is that of an even exposure. They are seen by linear interpolation of the picture at twice its samples
-(by Lanczos's window of 12 taps), which is a blur of its own: it counts as part of the motion's, and paths are shorter
-for it. Where rows see other parts of a motion, the samples are three times as many, and what a mean still loses along
-an axis is given back. One loop serves two ways to the same values: OpenCV's, and PyTorch's, with gradients.
+Each band of rows gets as many sub-exposures as its longest path needs. Their times are spread a little, so that their
+variance is that of an even exposure. Each sub-exposure samples the picture, interpolated to twice its resolution by
+Lanczos's window of 12 taps, linearly in between. Linear interpolation is a blur of its own: it counts as part of the
+motion, and paths are shortened for it. Where rows see different parts of a motion, the resolution is three times the
+picture's, and the remaining loss is compensated along an axis. One loop serves two samplers with equal values:
+OpenCV's, and PyTorch's, with gradients.
 """
 
 from __future__ import annotations
@@ -45,18 +46,18 @@ _GIVEN_BACK = np.array([*_LOST[::-1], 1 - 2 * sum(_LOST), *_LOST])  # to 2 % up 
 
 Band = tuple[slice, list[float]]
 """Rows of a window, and the times of their sub-exposures, the exposure being from -1/2 to 1/2."""
-Look = Callable[[Tensor], Tensor]
-"""Of places (2, h, w), what is there, (C, h, w); there may be more channels than the sheet has."""
+Sampler = Callable[[Tensor], Tensor]
+"""The light (C, h, w) at positions (2, h, w); there may be more channels than the plane has."""
 
 
-class Sheet(NamedTuple):
-    """What moves: planes (C, h, w) of light, how they move, and where they begin in the picture.
+class MovingPlane(NamedTuple):
+    """A picture, or a layer in front of it, and its motion.
 
-    Of those before the hindmost, the last plane is a matte, times which the light is, or which covers alone. border:
-    how it goes on beyond its sides.
+    channels: (C, h, w); of a layer the light times its matte and the matte, or the matte alone. top, left: of its
+    first pixel in the picture. border: how it continues beyond its sides.
     """
 
-    planes: Tensor
+    channels: Tensor
     moves: Displacement
     top: int = 0
     left: int = 0
@@ -64,20 +65,27 @@ class Sheet(NamedTuple):
 
 
 def flow_warp(image: Tensor, displacement_px: Tensor, *, border: Border = "reflect") -> Tensor:
-    """Pictures (B, C, H, W) that show at p what was at p - d(p), d (2, H, W) or (B, 2, H, W), px; differentiable."""
-    sheets, (height, width) = flowing(image, displacement_px, border), image.shape[-2:]
+    """Pictures (B, C, H, W) that show at p what was at p - d(p), d (2, H, W) or (B, 2, H, W), px; differentiable.
+
+    >>> dot = torch.zeros(1, 1, 3, 7)
+    >>> dot[..., 1, 2] = 1.0
+    >>> flow = torch.tensor([2.0, 0.0])[:, None, None].expand(2, 3, 7)
+    >>> flow_warp(dot, flow, border="constant")[0, 0, 1].tolist()
+    [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]
+    """
+    planes, (height, width) = flowing(image, displacement_px, border), image.shape[-2:]
     window, at_the_end = Window(0, 0, height, width), [(slice(0, height), [1.0])]
-    return torch.stack([_means([sheet], window, at_the_end, fine=False)[0] for sheet in sheets])
+    return torch.stack([_means([plane], window, at_the_end, fine=False)[0] for plane in planes])
 
 
-def flowing(image: Tensor, displacement_px: Tensor, border: Border) -> list[Sheet]:
-    """Sheets that move by each pixel's displacement. Raises ``TypeError`` or ``ValueError`` naming the argument."""
+def flowing(image: Tensor, displacement_px: Tensor, border: Border) -> list[MovingPlane]:
+    """Planes that move by each pixel's displacement. Raises ``TypeError`` or ``ValueError`` naming the argument."""
     image_batch("image", image)
     moved = flows("displacement_px", displacement_px, image)
     limited_motion("displacement_px", moved)
     once, rows = torch.ones(()), Readout(image.shape[-2], 0.0, 1.0)
     pairs = zip(image, moved, strict=True)
-    return [Sheet(picture, Displacement(by, once, rows), border=border) for picture, by in pairs]
+    return [MovingPlane(picture, Displacement(by, once, rows), border=border) for picture, by in pairs]
 
 
 def flows(name: str, value: object, image: Tensor) -> Tensor:
@@ -93,31 +101,36 @@ def flows(name: str, value: object, image: Tensor) -> Tensor:
     return tensor.expand(batch, 2, height, width)
 
 
-def exposed(sheet: Sheet, window: Window | None = None) -> Tensor:
-    """Mean (C, h, w) of a sheet, of all of it or in a window, over an exposure; no brighter where rows are longer."""
-    moves, window = sheet.moves, window or Window(0, 0, *sheet.planes.shape[-2:])
+def exposed(plane: MovingPlane, window: Window | None = None) -> Tensor:
+    """Mean (C, h, w) of a plane, whole or in a window; rows that are exposed longer are no brighter."""
+    moves, window = plane.moves, window or Window(0, 0, *plane.channels.shape[-2:])
     fine = moves.path is not None or moves.readout.row_s != 0
     bands = _bands([moves], window, _FINE_PX if fine else SPACING_PX)
-    return _means([sheet], window, bands, fine=fine)[0]
+    return _means([plane], window, bands, fine=fine)[0]
 
 
-def exposed_together(sheets: Sequence[Sheet], window: Window) -> tuple[Tensor, Tensor]:
-    """Mean (C, h, w) of sheets, hindmost first, less that of the hindmost times how much of it is uncovered on
-    average; and the latter, (1, h, w)."""
-    every = [sheet.moves for sheet in sheets]
+def exposed_together(planes: Sequence[MovingPlane], window: Window) -> tuple[Tensor, Tensor]:
+    """Expose planes, back to front: return (light, uncovered).
+
+    light: (C, h, w), the mean picture without the background. uncovered: (1, h, w), the mean share of the background
+    that no layer covers. The background is blurred more accurately elsewhere, and added by its share.
+    """
+    every = [plane.moves for plane in planes]
     fine = any(moves.each_row_differs for moves in every)
     bands = _bands(every, window, _FINE_PX if fine else SPACING_PX)
-    light, hindmost, uncovered = _means(sheets, window, bands, fine=fine)
-    return light - uncovered * hindmost, uncovered
+    light, background, uncovered = _means(planes, window, bands, fine=fine)
+    return light - uncovered * background, uncovered
 
 
-def _means(sheets: Sequence[Sheet], window: Window, bands: Sequence[Band], *, fine: bool) -> list[Tensor]:
-    """Means of all sheets, and of several of the hindmost, and how much of that is uncovered."""
-    first = sheets[0].planes
-    follows = differentiable(*(each for sheet in sheets for each in (sheet.planes, sheet.moves.even_px)))
+def _means(
+    planes: Sequence[MovingPlane], window: Window, bands: Sequence[Band], *, fine: bool
+) -> list[Tensor]:
+    """Means over the exposure: of the picture; of several planes also of the background and its uncovered share."""
+    first = planes[0].channels
+    follows = differentiable(*(each for plane in planes for each in (plane.channels, plane.moves.even_px)))
     fast = not follows and first.device.type == "cpu" and first.dtype == torch.float32
-    counted, factor = len(sheets) == 1 and not fine, 3 if fine else 2
-    sheets, means = [_led(sheet) for sheet in sheets], {}
+    counted, factor = len(planes) == 1 and not fine, 3 if fine else 2
+    planes, means = [_padded(plane) for plane in planes], {}
     moving = [rows for rows, times in bands if not (counted and times == [0.0])]
     if not moving:
         return [first]
@@ -128,84 +141,88 @@ def _means(sheets: Sequence[Sheet], window: Window, bands: Sequence[Band], *, fi
             means[rows.start] = [first[:, rows]]
             return
         sums: list[Any] = [0.0] * 3
-        places = [_places(sheet, window, band, factor, counted=counted) for sheet in sheets]
-        for at in zip(*places, strict=True):
-            sums = [total + each for total, each in zip(sums, _shown(sheets, looks, at), strict=False)]
+        positions = [_positions(plane, window, band, factor, counted=counted) for plane in planes]
+        for at in zip(*positions, strict=True):
+            sums = [total + each for total, each in zip(sums, _composed(planes, samplers, at), strict=False)]
         means[rows.start] = [total[: len(first)] / len(times) for total in sums]
 
     span = window._replace(top=window.top + moving[0].start, height=moving[-1].stop - moving[0].start)
-    by: Callable[..., Look] = _by_opencv if fast else _by_torch
-    looks = [by(sheet, span, factor, covers=place > 0) for place, sheet in enumerate(sheets)]
+    by: Callable[..., Sampler] = _by_opencv if fast else _by_torch
+    samplers = [by(plane, span, factor, covers=number > 0) for number, plane in enumerate(planes)]
     side_by_side(expose, bands, threads_for(first) if fast else 1)
     return [torch.cat(parts, -2) for parts in zip(*(means[rows.start] for rows, _ in bands), strict=True)]
 
 
-def _shown(sheets: Sequence[Sheet], looks: Sequence[Look], at: Sequence[Tensor]) -> list[Tensor]:
-    """What :func:`_means` takes the means of, at one moment."""
-    if len(sheets) == 1:
-        return [looks[0](at[0])]
-    hindmost, *before = (
-        look(place)[: len(sheet.planes)].contiguous()
-        for sheet, look, place in zip(sheets, looks, at, strict=True)
+def _composed(
+    planes: Sequence[MovingPlane], samplers: Sequence[Sampler], at: Sequence[Tensor]
+) -> list[Tensor]:
+    """One sub-exposure: the terms of which :func:`_means` takes the means."""
+    if len(planes) == 1:
+        return [samplers[0](at[0])]
+    background, *layers = (
+        sample(positions)[: len(plane.channels)].contiguous()
+        for plane, sample, positions in zip(planes, samplers, at, strict=True)
     )
-    seen, uncovered = hindmost, torch.ones_like(hindmost[:1])
-    for plane in before:
-        through = 1 - plane[-1:]
-        seen, uncovered = through * seen, through * uncovered
-        seen = seen + plane[:-1] if len(plane) > 1 else seen
-    return [seen, hindmost, uncovered]
+    picture, uncovered = background, torch.ones_like(background[:1])
+    for layer in layers:
+        transmitted = 1 - layer[-1:]
+        picture, uncovered = transmitted * picture, transmitted * uncovered
+        picture = picture + layer[:-1] if len(layer) > 1 else picture  # a matte alone only covers
+    return [picture, background, uncovered]
 
 
-def _places(sheet: Sheet, window: Window, band: Band, factor: int, *, counted: bool) -> Iterator[Tensor]:
-    """Where a band sees the sheet at each of its times: (2, h, w) of its finer values."""
+def _positions(
+    plane: MovingPlane, window: Window, band: Band, factor: int, *, counted: bool
+) -> Iterator[Tensor]:
+    """Positions (2, h, w) in the interpolated plane that a band of rows samples, one for each of its times."""
     rows, times = band
     part = window._replace(top=window.top + rows.start, height=rows.stop - rows.start)
-    base, passed = (factor * each.to(sheet.planes) for each in sheet.moves.even(part))
+    base, passed = (factor * each.to(plane.channels) for each in plane.moves.even(part))
     passed = _shortened(passed, len(times)) if counted else passed
-    columns = torch.arange(part.width).to(base) + (part.left - sheet.left)
-    lines = torch.arange(part.height).to(base) + (part.top - sheet.top)
+    columns = torch.arange(part.width).to(base) + (part.left - plane.left)
+    lines = torch.arange(part.height).to(base) + (part.top - plane.top)
     begins = factor * torch.stack(torch.meshgrid(columns, lines, indexing="xy")) - base
-    path = sheet.moves.along_path(part, np.array(times))
+    path = plane.moves.along_path(part, np.array(times))
     for moment, time in enumerate(times):
         at = torch.sub(begins, passed, alpha=time)
         yield at if path is None else at - factor * path[moment].to(at)[..., None]
 
 
-def _by_opencv(sheet: Sheet, window: Window, factor: int, *, covers: bool) -> Look:
+def _by_opencv(plane: MovingPlane, window: Window, factor: int, *, covers: bool) -> Sampler:
     """On the CPU: four channels at a time, a third of the time of three, or one."""
-    count, height, width = sheet.planes.shape
+    count, height, width = plane.channels.shape
     top, bottom = 0, height
-    if not covers and sheet.border in ("reflect", "replicate"):  # others show the other side
-        low, high = sheet.moves.range_px(window)
-        top = max(0, math.floor(window.top - sheet.top - high[1]) - 3)
-        bottom = min(height, math.ceil(window.top - sheet.top + window.height - low[1]) + 3)
+    if not covers and plane.border in ("reflect", "replicate"):  # others show the other side
+        low, high = plane.moves.range_px(window)
+        top = max(0, math.floor(window.top - plane.top - high[1]) - 3)
+        bottom = min(height, math.ceil(window.top - plane.top + window.height - low[1]) + 3)
         top, bottom = (top, bottom) if top < bottom else (0, height)
-    wide = _with_margin(sheet.planes.detach(), sheet.border).numpy()[:, top : bottom + 2 * _MARGIN]
+    wide = _with_margin(plane.channels.detach(), plane.border).numpy()[:, top : bottom + 2 * _MARGIN]
     size = factor * height, factor * width, count if count == 1 else max(4, count)
     values = np.empty(size, np.float32)
-    _finer(wide, values[factor * top : factor * bottom], factor, _lossy(sheet, window, factor))
-    values = values[: _whole(height, sheet.border, factor), : _whole(width, sheet.border, factor)]
+    _finer(wide, values[factor * top : factor * bottom], factor, _lossy(plane, window, factor))
+    values = values[: _whole(height, plane.border, factor), : _whole(width, plane.border, factor)]
     if covers:
         np.clip(values[..., count - 1], 0, 1, out=values[..., count - 1])
 
-    def look(at: Tensor) -> Tensor:
+    def sample(at: Tensor) -> Tensor:
         x, y = at.numpy()
-        border = OPENCV[sheet.border]
+        border = OPENCV[plane.border]
         seen = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=border, borderValue=0)
         return torch.from_numpy(seen.reshape(*x.shape, -1)).permute(2, 0, 1)
 
-    return look
+    return sample
 
 
-def _by_torch(sheet: Sheet, window: Window, factor: int, *, covers: bool) -> Look:
+def _by_torch(plane: MovingPlane, window: Window, factor: int, *, covers: bool) -> Sampler:
     """As :func:`_by_opencv`, by ``grid_sample``: on any device, with gradients."""
-    wide = _with_margin(sheet.planes, sheet.border)
-    values = _finer_torch(wide, sheet.border, factor, _lossy(sheet, window, factor))
+    wide = _with_margin(plane.channels, plane.border)
+    values = _finer_torch(wide, plane.border, factor, _lossy(plane, window, factor))
     if covers:
         values = torch.cat([values[:, :-1], values[:, -1:].clamp(0, 1)], 1)
-    border, (height, width) = sheet.border, values.shape[-2:]  # two values more on every side
+    border, (height, width) = plane.border, values.shape[-2:]  # two values more on every side
 
-    def look(at: Tensor) -> Tensor:
+    def sample(at: Tensor) -> Tensor:
         x, y = (
             (place.clamp(-2, inside + 1) if border == "constant" else folded(place, inside, border)) + 2
             for place, inside in ((at[0], width - 4), (at[1], height - 4))
@@ -213,20 +230,20 @@ def _by_torch(sheet: Sheet, window: Window, factor: int, *, covers: bool) -> Loo
         grid = torch.stack([2 * x / (width - 1) - 1, 2 * y / (height - 1) - 1], -1)
         return functional.grid_sample(values, grid[None], "bilinear", "border", align_corners=True)[0]
 
-    return look
+    return sample
 
 
-def _led(sheet: Sheet) -> Sheet:
-    """The sheet, where black is beyond it with a pixel of that before it, so that there are values in between."""
-    if sheet.border != "constant":
-        return sheet
-    planes = functional.pad(sheet.planes, (1, 0, 1, 0))
-    return sheet._replace(planes=planes, top=sheet.top - 1, left=sheet.left - 1)
+def _padded(plane: MovingPlane) -> MovingPlane:
+    """Pad by one black pixel, so that interpolation at the edge fades to black."""
+    if plane.border != "constant":
+        return plane
+    channels = functional.pad(plane.channels, (1, 0, 1, 0))
+    return plane._replace(channels=channels, top=plane.top - 1, left=plane.left - 1)
 
 
-def _lossy(sheet: Sheet, window: Window, factor: int) -> tuple[bool, bool]:
+def _lossy(plane: MovingPlane, window: Window, factor: int) -> tuple[bool, bool]:
     """Axes (x, y) whose interpolation loss is compensated: where motion passes all positions between two values."""
-    least, largest = sheet.moves.extremes_px(window)
+    least, largest = plane.moves.extremes_px(window)
     x, y = (largest - least).max(1) >= _ALL_PLACES_PX
     return factor > 2 and bool(x), factor > 2 and bool(y)
 

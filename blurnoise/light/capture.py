@@ -49,6 +49,7 @@ class Lamp(LightEffect):
         return max(1 - least, most - 1)
 
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
+        # Picture by picture: lamps differ in phase, and rows of a rolling shutter in their windows of time.
         lit = [light[item : item + 1] * _factors(light, at, item) for item in range(len(light))]
         return lit[0] if len(lit) == 1 else torch.cat(lit)
 
@@ -117,6 +118,7 @@ def _factors(light: Tensor, at: Resolved[Tensor], item: int) -> Tensor | float:
     if lamp is None:
         return 1.0
     start_s, duration_s = at.windows_s[item]
+    # Rows count from the first one that is exposed, as the phase does, whichever way the sensor scans.
     begin, end = map(torch.from_numpy, readout_of(at.camera, duration_s, size).windows_s)
     rows = lamp.factor(end - begin, begin - begin.min() + start_s)[:, None]
     if at.lamp_mask is None:
@@ -140,6 +142,7 @@ def displaced(layer: Layer, shift_px: Tensor) -> Layer:
     shift = shift_px.detach()
     if not bool((shift != 0).any()):
         return layer
+    # Whole pixels move the layer's place and lose nothing; only the remaining fraction is interpolated.
     whole = shift.round()
     plane = torch.cat([layer.light * layer.alpha, layer.alpha[None]])
     plane = torch.nn.functional.pad(plane, (_MARGIN_PX,) * 4)[None]

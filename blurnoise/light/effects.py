@@ -62,7 +62,7 @@ def _applied(
             continue
         blur = effect.blur(at)
         joined = None if blur is None else _joined(waiting, blur)
-        if joined is None:
+        if joined is None:  # the effect cannot share the transform: what waited comes before it
             light = _blurred(light, waiting, border)
         if blur is None:
             before, light = light, effect.apply(light, at, border)
@@ -105,7 +105,7 @@ def moved_boxes(boxes_xyxy: Tensor, at: Resolved[float], *, swept: bool = False)
 
 def origins(points: Floats, at: Resolved[float]) -> Floats:
     """Points (2, ...) of the scene that points of the picture show at mid-exposure, through all effects."""
-    for effect in reversed(EFFECTS):
+    for effect in reversed(EFFECTS):  # from the picture back to the scene
         if not effect.idle(at.camera):
             points = effect.origins(points, at)
     return points

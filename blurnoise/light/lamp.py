@@ -51,6 +51,9 @@ class Pwm:
         """Factors on the lamp's light in exposures that begin at ``start_s``; float64, mean 1.
 
         Both of any shapes that broadcast. Raises ``TypeError`` or ``ValueError`` naming the argument.
+
+        >>> Pwm(90.0, 0.1).factor(0.001).item()  # lit throughout: ten times its mean light
+        10.0
         """
         given = exposure_s if isinstance(exposure_s, Tensor) else limited("exposure_s", exposure_s)
         starts, lasting = real_tensor("start_s", start_s), real_tensor("exposure_s", given)
@@ -70,7 +73,11 @@ class Pwm:
         return least, most
 
     def dark_probability(self, exposure_s: float) -> float:
-        """Probability that an exposure receives no light: max(0, 1 - f T - D)."""
+        """Probability that an exposure receives no light: max(0, 1 - f T - D).
+
+        >>> round(Pwm(90.0, 0.1).dark_probability(0.005), 2)
+        0.45
+        """
         exposure = limited("exposure_s", exposure_s)
         return max(0.0, 1 - self.frequency_hz * exposure - self.duty)
 

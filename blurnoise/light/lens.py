@@ -71,6 +71,7 @@ class LensDistortion(_OverTheField):
         size = _size(light)
         x, y = lens.sources(at.camera.field, size)
         seen = resampling.sampled(light, x, y, border)
+        # Beyond what the scene shows there is no light, whatever the border: a mirrored sign would have no label.
         inside = lens.inside(at.camera.field, size)
         return seen if inside is None else seen * torch.from_numpy(inside).to(seen)
 
@@ -106,7 +107,7 @@ class LateralColour(_OverTheField):
         return _displaced(max(abs(own.lateral_red), abs(own.lateral_blue)) * at.camera.field.corner_px)
 
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
-        if light.shape[1] != 3:
+        if light.shape[1] != 3:  # grey light has no colours to separate
             return light
         field, planes = at.camera.field, list(torch.split(light, 1, 1))
         for place, share in ((0, field.lateral_red), (2, field.lateral_blue)):
@@ -141,6 +142,7 @@ class Defocus(_ByTransferFunction):
         return Optics(defocus_radius_px=max(_ends_px(at.camera))).error
 
     def blur(self, at: Resolved[Tensor]) -> Blur | None:
+        # Areas of a disc and a disc that varies over the field have no transfer function to multiply.
         apart = at.camera.lens.defocus_counts_pixel or at.camera.lens.field_curvature_px
         return None if apart else super().blur(at)
 

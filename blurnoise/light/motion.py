@@ -74,6 +74,7 @@ def exposed(
     seen = []
     for picture, own, moves in zip(torch.split(light, 1), objects, displacements(at, size), strict=True):
         picture = layers.exposed(picture, own, moves, border)
+        # With global reset, rows that are read later are exposed longer, and brighter.
         if moves.readout.reset:
             light_of_rows = torch.from_numpy(moves.readout.light)
             if differentiable(moves.exposure_s):
@@ -198,6 +199,7 @@ class RollingShutter(_Motion):
         """Bound from the largest displacement d, pi d / sqrt(2) RMS, and from the light that rows gain."""
         if not at.camera.sensor.row_time_s:
             return 0.0
+        # Of the sensor's rows: a smaller picture is read out as long, so that no size changes the bound.
         moves = displacement(replace(at, size=None))
         readout, by_row = moves.readout, moves.each_row_differs
         farthest_px = math.hypot(*at.displacement_px) + float(at.variation_px)
@@ -228,6 +230,7 @@ class RollingShutter(_Motion):
         if not at.camera.sensor.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
         moves = displacement(at)
+        # Each edge is where the row that shows it is exposed: a box becomes longer, shorter, and leans.
         between = boxes_xyxy.detach().cpu().double().numpy() - 0.5  # pixels' centres
         left, top, right, bottom = between.T
         top, bottom = moves.seen_rows(top), moves.seen_rows(bottom)

@@ -6,14 +6,14 @@ what light effects and sensor stages read, and what the error budget is computed
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import Numbers, limited_motion, limited_per_image
+from blurnoise._core.checks import limited_motion
 from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layer, ObjectMotion, object_motion
 from blurnoise.blur.sub_exposures import flows
@@ -22,7 +22,7 @@ from blurnoise.camera.colour import PLANES
 from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.camera.spectra import Curve
 from blurnoise.light.lamp import Pwm
-from blurnoise.motion.trajectory import Trajectory, per_picture
+from blurnoise.motion.trajectory import Trajectory
 
 Number = TypeVar("Number", float, Tensor)
 
@@ -73,37 +73,6 @@ class Resolved(Generic[Number]):
     def of(
         image: Tensor,
         camera: Camera,
-        *,
-        exposure_s: Numbers,
-        illuminance_lux: Numbers,
-        velocity_px_s: Tensor | Iterable[float] | Iterable[tuple[float, float]] = (0.0, 0.0),
-        temperature_c: Numbers = 25.0,
-        illuminant: str | Curve = "D55",
-        trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
-        objects: tuple[tuple[Layer, ...], ...] = (),
-    ) -> Resolved[Tensor]:
-        """Conditions of one exposure of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
-
-        Every number is one for all or (B,); velocity_px_s (2,) or (B, 2), or of each pixel (2, H, W) or
-        (B, 2, H, W); trajectory: one for all or one, or None, for each. Raises ``ValueError`` naming the argument.
-        """
-        batch = len(image)
-        return Resolved.of_checked(
-            image,
-            camera,
-            limited_per_image("exposure_s", exposure_s, batch, image),
-            limited_per_image("illuminance_lux", illuminance_lux, batch, image),
-            limited_per_image("temperature_c", temperature_c, batch, image),
-            velocities(velocity_px_s, image),
-            per_picture(trajectory, batch),
-            illuminant,
-            objects=objects,
-        )
-
-    @staticmethod
-    def of_checked(
-        image: Tensor,
-        camera: Camera,
         exposure_s: Tensor,
         illuminance_lux: Tensor,
         temperature_c: Tensor,
@@ -112,9 +81,11 @@ class Resolved(Generic[Number]):
         illuminant: str | Curve,
         **scene: Any,
     ) -> Resolved[Tensor]:
-        """:meth:`of` numbers (B,) and velocities that are within their limits, each with its own picture.
+        """Conditions of one exposure of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
 
-        scene: the fields objects, lamps, lamp_mask, windows_s and shift.
+        Numbers (B,) and :func:`velocities` are within their limits; paths: of each picture, or (). scene: the fields
+        objects, lamps, lamp_mask, windows_s and shift. Raises ``ValueError`` for motion beyond its limit, and for a
+        path that ends within the exposure.
         """
         size = image.shape[-2], image.shape[-1]
         if camera.sensor.cfa not in PLANES and min(size) < 2:
@@ -219,7 +190,11 @@ def velocities(velocity_px_s: object, image: Tensor) -> Tensor:
 
 
 def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:
-    """Midrange of flows (B, 2, H, W), (B, 2), and the largest distance from it, (B,)."""
+    """Midrange of flows (B, 2, H, W), (B, 2), and the largest distance from it, (B,).
+
+    >>> middle_of(torch.tensor([[[[1.0, 3.0]], [[0.0, 0.0]]]]))
+    (tensor([[2., 0.]]), tensor([1.]))
+    """
     seen = flow_px.detach()
     middle = (seen.amax((2, 3)) + seen.amin((2, 3))) / 2
     return middle, (seen - middle[:, :, None, None]).square().sum(1).amax((1, 2)).sqrt()

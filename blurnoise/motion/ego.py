@@ -43,6 +43,9 @@ def velocity_px_s(
     Its image is 2 atan(w / 2d) [deg] * width_px / hfov_deg px wide by an f-theta lens (Lin et al. 2024, eq. 14), f
     w / d with f = (width_px / 2) / tan(hfov / 2) by a rectilinear one, and moves that / w px per metre. Raises
     ``ValueError`` naming the argument (a rectilinear lens needs hfov_deg < 180).
+
+    >>> round(velocity_px_s(10.0, 20.0, target_width_m=1.0, width_px=1920, hfov_deg=60.0), 1)
+    916.5
     """
     speed, distance = limited("speed_m_s", speed_m_s), limited("distance_m", distance_m)
     target, width = limited("target_width_m", target_width_m), limited("width_px", width_px)
@@ -64,7 +67,11 @@ def blur_pixels(
     hfov_deg: float,
     lens: Lens = "f-theta",
 ) -> float:
-    """Length of the motion blur in px: :func:`velocity_px_s` times the exposure in s (>= 0)."""
+    """Length of the motion blur in px: :func:`velocity_px_s` times the exposure in s (>= 0).
+
+    >>> round(blur_pixels(10.0, 20.0, 0.01, target_width_m=1.0, width_px=1920, hfov_deg=60.0), 2)
+    9.17
+    """
     seen = {"target_width_m": target_width_m, "width_px": width_px, "hfov_deg": hfov_deg}
     return limited("exposure_s", exposure_s) * velocity_px_s(speed_m_s, distance_m, **seen, lens=lens)
 

@@ -82,6 +82,10 @@ class Trajectory:
     """A path of the picture: increasing times, s, and places, px. Raises ``TypeError`` or ``ValueError``.
 
     The path must span the whole exposure: functions that use it raise ``ValueError`` otherwise.
+
+    >>> path = Trajectory.sinusoid(2.0, 50.0, duration_s=0.02)
+    >>> [round(edge, 2) for edge in path.seen(exposure_s=0.01).box]  # half a period: x from -2 to 2 px
+    [-2.0, 0.0, 2.0, 0.0]
     """
 
     time_s: tuple[float, ...]
@@ -139,6 +143,7 @@ class Trajectory:
         Raises ``ValueError`` unless the trajectory holds both.
         """
         first, last = self.time_s[0], self.time_s[-1]
+        # A path made for an exposure in double precision is often asked for its rounded duration.
         slack = 1e-6 * (last - first)  # of times that were rounded to single precision
         if not first - slack <= start_s <= stop_s <= last + slack:
             must = f"must hold the exposure, {start_s:.6g} to {stop_s:.6g} s about mid-exposure"
@@ -180,6 +185,7 @@ def _seen(trajectory: Trajectory, exposure_s: float, velocity_px_s: tuple[float,
         return Polyline((0.0,), (0.0,), ())
     time = sums(durations) - exposure_s / 2
     knots = knots + np.outer(velocity_px_s, time) - np.array(trajectory.origin_px(exposure_s))[:, None]
+    # Every segment costs a transform: knots that move the path by less than it shows are dropped.
     kept = simplified(time, knots, SIMPLIFIED_PX)
     knots, shares = knots[:, kept], np.diff(time[kept]) / (time[-1] - time[0])
     x, y = knots - np.array(_mean(knots, shares))[:, None]  # the path's mean, to rounding and 0.02 px

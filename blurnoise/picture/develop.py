@@ -60,6 +60,7 @@ def develop(
     formulas = differentiable(dn) or steps.FUSION in active
     if formulas or (dn.is_floating_point() and not _whole(dn)):
         return _developed(dn.to(kind), at, active)
+    # Whole numbers are few: what the leading steps make of each is computed once and looked up.
     first = _first_steps(dn, at, active)
     return _developed(_looked_up(dn, at, first, kind), at, active[len(first) :])
 

@@ -81,6 +81,7 @@ def _fused(picture: Tensor, at: Development) -> Tensor:
     """Light of several captures (captures, B, C, H, W): electrons of the first one, over those of white."""
     if at.white_e is None:
         raise ValueError("white_e: must be specified for a camera of several captures")
+    # In electrons, not digital numbers: captures differ in gain, and in their black level.
     electrons = fuse(list(picture), at.camera)
     white_e = torch.as_tensor(at.white_e).to(electrons)
     return electrons / white_e.clamp_min(_LEAST_WHITE_E).view(-1, 1, 1, 1)
@@ -94,6 +95,7 @@ def _light(picture: Tensor, at: Development) -> Tensor:
 
 def _balanced(picture: Tensor, at: Development) -> Tensor:
     """White balance: a gain per filter, the smallest 1, and one clipping level, so that highlights stay white."""
+    # Every filter clips at the same level after its gain, else a full red pixel would tint a white highlight.
     height, width = picture.shape[-2:]
     tile = picture.new_tensor(site_gains(at.camera, at.illuminant)).view(2, 2)
     gains = tile.repeat((height + 1) // 2, (width + 1) // 2)[:height, :width]
@@ -119,6 +121,7 @@ def _compressed(picture: Tensor, at: Development) -> Tensor:
     """A round trip through libjpeg of each picture; three planes are colours, others grey; gradients pass."""
     if at.encoding != "srgb" or picture.ndim < 3 or at.camera.isp.jpeg_quality is None:
         return picture
+    # A codec has no derivative: gradients pass as if it kept the picture.
     quality = at.camera.isp.jpeg_quality
     codes = (picture.detach() * 255).round().clamp(0, 255).to(torch.uint8).cpu().numpy()
     each = codes.reshape(-1, *codes.shape[-3 if codes.shape[-3] == 3 else -2 :])
@@ -224,6 +227,7 @@ def demosaic(plane: Tensor, cfa: str, method: Literal["bilinear", "edge"]) -> Te
     """
     if method == "bilinear" or cfa == "RCCC":
         return _bilinear(plane, cfa)
+    # OpenCV takes integers: black lies at OFFSET, so that noise below it is not cut before the tone curve.
     with torch.no_grad():
         codes = (plane * SCALE + OFFSET).round().clamp(0, 65535).cpu().numpy().astype(np.uint16)
         found = np.stack([by_opencv(padded(picture[0]), cfa, method) for picture in codes])

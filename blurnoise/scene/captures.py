@@ -16,7 +16,6 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise._core.checks import limited_per_image
 from blurnoise.blur.layers import Layer
-from blurnoise.camera import Camera
 from blurnoise.camera.captures import windows
 from blurnoise.light.lamp import per_picture as lamp_per_picture
 from blurnoise.light.resolved import Resolved, Shift, velocities
@@ -27,9 +26,13 @@ from blurnoise.scene.scene import Scene
 
 
 def captures_of_exposure(
-    scene: Scene, exposure: Exposure[Any], camera: Camera, batch: int
+    scene: Scene, exposure: Exposure[Any], batch: int
 ) -> Iterator[tuple[Resolved[Tensor], list[int]]]:
-    """The conditions of every capture, and the seeds of its noise."""
+    """The conditions of every capture of a batch, and the seeds of its noise.
+
+    The batch is that of the scene's pictures, or of exposures of its only one.
+    """
+    camera, _ = exposure.amplified
     light = scene.light.expand(batch, -1, -1, -1)
     like = torch.empty(0, dtype=torch.float64)  # times are compared and added up
     exposure_s = limited_per_image("exposure_s", exposure.exposure_s, batch, like)
@@ -66,7 +69,7 @@ def captures_of_exposure(
             ]
         ratio = captures[0].exposure_ratio, capture.exposure_ratio
         yield (
-            Resolved.of_checked(
+            Resolved.of(
                 light,
                 reader,
                 exposure_s * ratio[0] / ratio[1],

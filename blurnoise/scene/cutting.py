@@ -48,6 +48,12 @@ def cut_out(
     plate: a picture of the scene without the objects, of the same shape; without it, the background is filled in from
     the surroundings. Colours within 1 px of an object's edge, which contain the background, are taken from further
     inside. Raises ``ValueError`` for a matte of another size, an empty one, and for objects that cover everything.
+
+    >>> matte = np.zeros((40, 50), np.float32)
+    >>> matte[10:20, 12:30] = 1
+    >>> cut = cut_out(torch.full((1, 3, 40, 50), 0.5), [matte], [(300.0, 0.0)])
+    >>> cut.layers[0].place_px, tuple(cut.layers[0].light.shape)
+    ((12, 10), (3, 10, 18))
     """
     image_batch("light", light)
     size = (light.shape[-2], light.shape[-1])
@@ -147,7 +153,7 @@ def matte_of(masks: Tensor) -> Matte | None:
 def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: float) -> Cut:
     """Cut a picture (1, C, H, W) in linear light into the background and the matte's objects at a velocity (2,).
 
-    All objects of a picture move alike, so the union of its masks is enough. Objects whose paths meet share one
+    All objects of a picture move alike, so the union of its masks is enough. Objects whose paths overlap share one
     layer, which is faster.
     """
     covered = (matte > 0).astype(np.uint8)

@@ -178,18 +178,6 @@ class Exposure(Generic[Number]):
         for item in range(batch):
             yield replace(self, **{name: values[item] for name, values in columns.items()})  # type: ignore[misc]
 
-    def part(self, indices: Sequence[int]) -> Exposure[Number]:
-        """Some frames of a batch."""
-        some: dict[str, Any] = {}
-        for name in (*_NUMBERS, *_PER_FRAME, "velocity_px_s"):
-            value = getattr(self, name)
-            per_frame = value.ndim in (1, 2, 4) if isinstance(value, Tensor) else isinstance(value, list)
-            if per_frame:
-                some[name] = (
-                    value[list(indices)] if isinstance(value, Tensor) else [value[at] for at in indices]
-                )
-        return replace(self, **some)
-
     def velocity_of(self: Exposure[float], layer: Layer) -> tuple[float, float] | Tensor:
         """Velocity of a layer of the scene, px/s: its own, or of a target at a speed as ``of_targets`` has it."""
         if layer.speed is None:

@@ -25,7 +25,11 @@ _ALLOWED = "must be mean, pNN (a percentile above 0, up to 100) or x0,y0,x1,y1 (
 
 @dataclass(frozen=True)
 class GreyAnchor:
-    """A percentile of the luminance, or the mean over a region (x0, y0, x1, y1), px; without both, the mean."""
+    """A percentile of the luminance, or the mean over a region (x0, y0, x1, y1), px; without both, the mean.
+
+    >>> GreyAnchor.parse("p50").percentile
+    50.0
+    """
 
     percentile: float | None = None
     region_px: tuple[int, int, int, int] | None = None
@@ -98,6 +102,10 @@ class AutoExposure:
     period of the light, only whole periods 1 / (2 mains_hz); 0 allows any exposure. row_time_s: allows only whole
     rows; 0 allows any exposure. gain_max_db: limits the gain in addition to the camera's own limit. Raises
     ``TypeError`` or ``ValueError`` naming the field.
+
+    >>> setting = AutoExposure().setting(Camera.preset("imx250"), mean_light=0.18, illuminance_lux=20.0)
+    >>> round(setting.exposure_s, 4), round(setting.gain_db, 1)
+    (0.0333, 7.3)
     """
 
     target: Annotated[Figure, Gt(0), Le(1)] = 0.18
@@ -163,6 +171,9 @@ class AutoExposure:
         """The longest allowed exposure up to ``wanted_s``, at least one row if ``row_time_s`` is set.
 
         Exposures below one period of the mains' light are allowed: such pictures may flicker.
+
+        >>> AutoExposure(mains_hz=50.0).allowed_s(0.025)
+        0.02
         """
         exposure_s = min(wanted_s, self.limit_s)
         period_s = 1 / (2 * self.mains_hz) if self.mains_hz else 0.0

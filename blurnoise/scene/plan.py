@@ -94,9 +94,8 @@ def plan(
     if scene is None:
         scene = Scene(torch.ones(1, 1, 1, 1, dtype=torch.float64).expand(1, 1, *camera.field.size))
     an_instance("scene", scene, Scene)
-    batch = len(scene.light)
     plans = []
-    for at, _ in captures_of_exposure(scene, exposure, camera, batch):
+    for at, _ in captures_of_exposure(scene, exposure, len(scene.light)):
         light, at = effects.scene_at(scene.light, at, border=scene.border)
         whitest = scene.brightest if light is scene.light else brightest(light, at.layers)
         white = whitest[0] * radiometry.peak(at.camera, scene.illuminant)

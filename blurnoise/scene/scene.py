@@ -97,7 +97,11 @@ def brightest(light: Tensor, layers: Sequence[Sequence[Layer]]) -> list[float]:
 
 
 def scene_reflectance(image: Tensor, encoding: PictureTone) -> Tensor:
-    """Reflectance, linear light in [0, 1], of a picture (B, C, H, W) coded by the tone curve ``encoding``."""
+    """Reflectance, linear light in [0, 1], of a picture (B, C, H, W) coded by the tone curve ``encoding``.
+
+    >>> scene_reflectance(torch.tensor([[[[0.0, 0.5, 1.0]]]]), "srgb").round(decimals=3)
+    tensor([[[[0.0000, 0.2140, 1.0000]]]])
+    """
     batch_shaped("image", image)
     curve = picture_tone(encoding)
     low, high = extremes(image)

@@ -32,7 +32,7 @@ from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.picture.steps import magnification
 from blurnoise.scene.captures import captures_of_exposure
 from blurnoise.scene.exposure import Exposure
-from blurnoise.scene.metering import mean_luma
+from blurnoise.scene.metering import AutoExposure, mean_luma
 from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan_at
 from blurnoise.scene.scene import Scene, brightest
 from blurnoise.sensor.readout import Fidelity, ReadoutOptions, digitised
@@ -129,9 +129,7 @@ def take(scene: Scene, exposure: Exposure[Any], options: TakeOptions = USUAL) ->
     an_instance("scene", scene, Scene)
     an_instance("exposure", exposure, Exposure)
     an_instance("options", options, TakeOptions)
-    if not isinstance(exposure.gain_db, float | int):
-        exposure = exposure.metered(float(mean_luma(scene.light, exposure.camera, scene.illuminant)[0]))
-    return _taken(scene, exposure, options, len(scene.light))
+    return _taken(scene, _metered(scene, exposure), options, len(scene.light))
 
 
 def take_each(
@@ -159,7 +157,8 @@ def take_each(
 
 def _each_taken(scene: Scene, exposures: Iterable[Exposure[float]], options: TakeOptions) -> Iterator[Frames]:
     behind_lens: dict[Hashable, Shared] = {}
-    for _, group in groupby(exposures, key=_reads_alike):
+    settled = (_metered(scene, exposure) for exposure in exposures)
+    for _, group in groupby(settled, key=_reads_alike):
         alike = list(group)
         started = time.perf_counter()
         shared = behind_lens.setdefault((alike[0].vehicle, alike[0].ego_speed_m_s, alike[0].moves), {})
@@ -169,6 +168,17 @@ def _each_taken(scene: Scene, exposures: Iterable[Exposure[float]], options: Tak
             one = slice(item, item + 1)
             raw = tuple(dn[one] for dn in frames.raw)
             yield Frames(exposure, raw, frames.picture[one], frames.eight_bit[one], simulate_ms)
+
+
+def _metered(scene: Scene, exposure: Exposure[Any]) -> Exposure[Any]:
+    """The exposure with the gain, and the time, that an auto-exposure sets for the scene's only picture."""
+    if not isinstance(exposure.gain_db, AutoExposure):
+        return exposure
+    if len(scene.light) != 1 or exposure.batched:
+        must = "must be a number for several pictures; blurnoise.expose_pictures meters each"
+        raise ValueError(f"gain_db: is automatic; {must}")
+    (mean_light,) = mean_luma(scene.light, exposure.camera, scene.illuminant).tolist()
+    return exposure.metered(mean_light, scene.illuminant)
 
 
 def _reads_alike(exposure: Exposure[float]) -> Hashable:
@@ -198,7 +208,7 @@ def _taken(
 
     raw = [
         _capture(scene, at, seeds, options, tolerance_dn, tones, shared)
-        for at, seeds in captures_of_exposure(scene, exposure, camera, batch)
+        for at, seeds in captures_of_exposure(scene, exposure, batch)
     ]
 
     channels = scene.light.shape[1]

@@ -71,6 +71,11 @@ def read_out(
 
     white_e (electrons, >= 0), exposure_s, temperature_c (degC): numbers or one per image. options: those of
     :class:`ReadoutOptions`. Means below 0 (ringing of a blur) count as 0.
+
+    >>> from blurnoise import Camera
+    >>> grey = torch.full((1, 1, 1, 2), 0.5)
+    >>> read_out(grey, Camera.preset("imx250"), white_e=1000.0, exposure_s=0.01, noise=False)
+    tensor([[[[197., 197.]]]])
     """
     batch = len(image_batch("scene", scene))
     at = Resolved(

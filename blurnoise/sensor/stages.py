@@ -99,7 +99,7 @@ class PhotonTransfer(SensorStage):
 class ShotNoise(SensorStage):
     """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw.
 
-    But for pixels whose charge may reach the full well (:func:`nearly_full_e`), which clips before read noise comes.
+    Pixels near the full well (:func:`nearly_full_e`) are drawn in two steps: the well clips before read noise comes.
     """
 
     name = "shot noise"

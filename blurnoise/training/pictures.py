@@ -87,7 +87,7 @@ def expose_pictures(
             of_targets = scene.new_tensor(one.velocity_px_s if one.moves == "targets" else (0.0, 0.0))
             cuts[item] = in_motion(light, matte, of_targets, one.exposure_s)
 
-    def taken(items: list[int]) -> Tensor:
+    def taken_together(items: list[int]) -> Tensor:
         """Pictures of one camera, gain and vehicle, all cut or none."""
         of: Any = slice(None) if len(items) == batch else items  # a slice makes no copy
         cut = [cuts[item] for item in items if item in cuts]
@@ -107,7 +107,7 @@ def expose_pictures(
     for item, one in enumerate(exposures):
         key = one.camera, one.gain_db, item in cuts, one.vehicle if one.drives else None
         groups.setdefault(key, []).append(item)
-    parts = [taken(items) for items in groups.values()]
+    parts = [taken_together(items) for items in groups.values()]
     if len(parts) == 1:
         return parts[0].contiguous(memory_format=_memory_format(image))
     out = torch.empty_like(image, memory_format=_memory_format(image))

@@ -151,9 +151,9 @@ def _shakes(drawn: Params, cameras: Sequence[Camera]) -> list[Trajectory | None]
 def cameras_of(camera: Cameras) -> tuple[Camera, ...]:
     """The cameras, presets opened. Raises ``TypeError`` or ``ValueError``."""
     given = camera if isinstance(camera, Sequence) and not isinstance(camera, str) else [camera]
-    for each in given:
-        if not isinstance(each, (Camera, str)):
-            raise TypeError(f"camera: must be cameras or names of presets, got {type(each).__name__}")
+    for one in given:
+        if not isinstance(one, (Camera, str)):
+            raise TypeError(f"camera: must be cameras or names of presets, got {type(one).__name__}")
     if not given:
         raise ValueError("camera = []: must be at least one camera")
-    return tuple(Camera.preset(each) if isinstance(each, str) else each for each in given)
+    return tuple(Camera.preset(one) if isinstance(one, str) else one for one in given)

@@ -11,7 +11,9 @@ from brute_force import photograph
 
 from blurnoise import Camera, Layer, Trajectory
 from blurnoise.light import effects
-from blurnoise.light.resolved import Resolved
+from blurnoise.scene.captures import captures_of_exposure
+from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.scene import Scene
 
 HEIGHT, WIDTH, EXPOSURE_S, ROW_S = 108, 144, 0.01, 1.5e-4
 VELOCITY_PX_S = (700.0, -400.0)
@@ -124,17 +126,10 @@ def exposed(of, light, flow=None):
         row_s = of.row_s * camera.field.per_sensor_px((HEIGHT, WIDTH))
         camera = camera.with_figures(row_time_s=row_s, shutter="global-reset" if of.reset else "rolling")
     by_pixel = of.flow() if flow is None else flow
-    at = Resolved.of(
-        light,
-        camera,
-        exposure_s=EXPOSURE_S,
-        illuminance_lux=100.0,
-        velocity_px_s=by_pixel if "flow" in of.motions else of.velocity_px_s,
-        temperature_c=25.0,
-        illuminant="D55",
-        trajectory=of.path,
-        objects=((layer(light.dtype),),) if "objects" in of.motions else (),
-    )
+    scene = Scene(light, layers=[layer(light.dtype)] if "objects" in of.motions else ())
+    velocity = by_pixel if "flow" in of.motions else of.velocity_px_s
+    exposure = Exposure(camera, EXPOSURE_S, 100.0, velocity, trajectory=of.path, seed=[0])
+    ((at, _),) = captures_of_exposure(scene, exposure, 1)
     return effects.through(light, at, border="circular")
 
 

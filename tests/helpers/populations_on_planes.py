@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from blurnoise_eval.answers.curves import windows
-from blurnoise_eval.run.search_space import Line, exposures_on
+from blurnoise_eval.run.search_space import SearchLine, exposures_on
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -13,7 +13,7 @@ Rates = Callable[[Array], Array]
 """Places (M, 2) to the score of each of C pictures, (C, M)."""
 EXPOSURES = (1e-3, 90e-3)
 LIGHTS, SPEEDS = (2.0, 10.0, 45.0, 200.0, 1000.0), (0.0, 100.0, 400.0, 1600.0)
-LINES = [Line(lux, (speed, 0.0)) for lux in LIGHTS for speed in SPEEDS]
+LINES = [SearchLine(lux, (speed, 0.0)) for lux in LIGHTS for speed in SPEEDS]
 PICTURES = 35
 _RNG = np.random.default_rng(0)
 _DARK, _BLURRED = _RNG.normal(-4, 1.2, (PICTURES, 1)), _RNG.normal(3, 1, (PICTURES, 1))

@@ -51,7 +51,7 @@ def _compiled(pattern: str) -> re.Pattern[str]:
 def repeated(looks: Mapping[str, str], pattern: str | None = None) -> str | None:
     """A warning where pictures show the same scenes but count as independent; None where few or none do.
 
-    looks: by picture's name, as :func:`~blurnoise_eval.datasets.likeness.look` has them, "" where there is none.
+    looks: by picture's name its :func:`~blurnoise_eval.datasets.likeness.perceptual_hash`, "" where there is none.
     pattern: what they are clustered by. Above ``MOST`` pictures as many of them, evenly spread, are compared.
     """
     names = sorted(looks)

@@ -23,9 +23,11 @@ from blurnoise.camera.colour import linear_from_srgb, srgb_from_linear
 from blurnoise.camera.lens import Lens
 from blurnoise.camera.sensor import Sensor
 from blurnoise.light import effects
-from blurnoise.light.resolved import Resolved
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import shake
+from blurnoise.scene.captures import captures_of_exposure
+from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.scene import Scene
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 
 HEIGHT, WIDTH, EXPOSURE_S = 480, 640, 0.01
@@ -140,9 +142,10 @@ def _ours(**moving: Any) -> Contender:
     """The light of ``simulate`` after its motion, whatever moves."""
 
     shown = picture()
+    scene, exposure = Scene(shown), Exposure(_GLOBAL, EXPOSURE_S, 1.0, **moving, seed=[0])
 
     def call() -> Tensor:
-        at = Resolved.of(shown, _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
+        ((at, _),) = captures_of_exposure(scene, exposure, 1)
         return effects.through(shown, at)
 
     return Contender("blurnoise", call, True)

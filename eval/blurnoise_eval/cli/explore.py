@@ -113,8 +113,8 @@ def _write(catalogue: Catalogue, state: State, output: Path, as_json: bool) -> N
     write_picture(output, rendered.frame.image)
     facts: dict[str, Any] = {"output": str(output), "camera": rendered.exposure.camera.name}
     facts |= {name: value for name, (_, value, _) in rendered.numbers.items()}
-    if rendered.found is not None:
-        counted = rendered.found.counted
+    if rendered.scored is not None:
+        counted = rendered.scored.counted
         facts["confidence"] = mean_confidence(counted) if counted.targets else None
         facts["confidences"] = [row.confidence for row in counted.targets]
     print_facts(facts, as_json)

@@ -49,7 +49,7 @@ _GARBAGE_SHARE, _GARBAGE_FOUND = 0.15, 1.0  # less than this share agrees, of mo
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ContractComparison:
     """Result of a comparison: the contract with its choices and their sources, doubts as sentences, and the cost."""
 
     contract: Contract
@@ -71,18 +71,18 @@ class Comparison:
 
 def contracts_chosen(
     models: Sequence[Model], pictures: PictureSet, *, say: bool | None = None
-) -> tuple[list[Model], dict[str, Comparison]]:
+) -> tuple[list[Model], dict[str, ContractComparison]]:
     """The models with the contracts that the pictures chose, and by name the comparison of each detector.
 
     pictures: of the whole run, so that each part of it chooses alike; rendered ones choose nothing. say: whether to
     write choices and doubts to standard error.
     """
-    found, comparisons = list(models), dict[str, Comparison]()
-    for place, model in enumerate(models):
+    chosen, comparisons = list(models), dict[str, ContractComparison]()
+    for index, model in enumerate(models):
         if not isinstance(model, Detector) or model.contract.family == FAMILY or pictures.kind == "rendered":
             continue
         comparison = comparisons[model.name] = compared(model, _known(model, pictures))
-        found[place] = model.with_contract(comparison.contract)
+        chosen[index] = model.with_contract(comparison.contract)
         if say and factors(comparison.contract, "chosen", "assumed") and comparison.text:
             say_wrapped(f"{model.name}: {comparison.text}", hanging=2, error=True)
     doubted = dict[str, list[tuple[str, str]]]()
@@ -92,7 +92,7 @@ def contracts_chosen(
     for (name, doubt), *others in doubted.values():
         more = f". The same fields of {', '.join(other for other, _ in others)}" if others else ""
         say_wrapped(f"{name}: doubtful contract: {doubt}{more}", hanging=2, error=True)
-    return found, comparisons
+    return chosen, comparisons
 
 
 def _known(detector: Detector, pictures: PictureSet) -> Iterator[Known]:
@@ -100,57 +100,68 @@ def _known(detector: Detector, pictures: PictureSet) -> Iterator[Known]:
     ids = {name: number for number, name in enumerate(detector.contract.classes)}
     for picture, image in sample(pictures, MOST_PICTURES):
         targets = None if pictures.doubtful else picture.targets
-        known = [each for each in targets or () if each.label in ids and not each.crowd]
-        boxes = np.array([each.box_xyxy for each in known], np.float32)
-        class_ids = np.array([ids[each.label] for each in known], np.int64)
+        known = [target for target in targets or () if target.label in ids and not target.crowd]
+        boxes = np.array([target.box_xyxy for target in known], np.float32)
+        class_ids = np.array([ids[target.label] for target in known], np.int64)
         yield image, Detections(boxes, np.ones(len(known), np.float32), class_ids) if known else None
 
 
-def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
+def compared(detector: Detector, pictures: Iterable[Known]) -> ContractComparison:
     """Compare a detector's contract with the other variants of its input, on up to 32 pictures.
 
-    Fields that nothing stated are chosen; others are never changed, only doubted. What an exporter's code fixes, as
-    its metadata say, is not questioned. The same pictures give the same choice. Costs two inferences for each picture
-    and variant that is still in question, 100 to 500.
+    Fields without a source are chosen; others are never changed, only doubted. What an exporter's code fixes, as its
+    metadata say, is not questioned. The same pictures give the same choice. Costs two inferences for each picture and
+    variant that is still in question, 100 to 500.
     """
     shown = list(pictures)[:MOST_PICTURES]
-    detector, others, notes = _read_by_values(detector, shown[:_READ])
-    variants = [Variant(detector.contract), *(Variant(other) for other in others)]
+    detector, readings, notes = _read_by_values(detector, shown[:_READ])
+    variants = [Variant(detector.contract), *map(Variant, readings)]
     if not any(EXPORTER in detector.contract.sources[name] for name in ("colour", "value_range")):
-        variants += [Variant(other) for other in other_inputs(detector)]
-    inferences, count = 0, 0
-    for upto in _ROUNDS if len(variants) > 1 else ():
-        left = [each for each in variants if not each.given_up]
-        cost = 2 * len(left) * (min(upto, len(shown)) - count)
-        if not cost or len(left) == 1 or inferences + cost > _MOST_INFERENCES:
-            break
-        count = min(upto, len(shown))
-        inferences += sum(each.show(detector, shown[:count]) for each in left)
-        best = _best_of_its_resize(variants[0], left)
-        if count >= _NOTHING_FROM and best.merit == 0:
-            break
-        for each in left[1:]:
-            each.given_up = each is not best and best.surely_beats(each)
-        if best.contract.resize != "none":  # that a letterbox is centred hardly matters: AP50 .410 and .407
-            resize: Any = "letterbox" if best.contract.resize == "stretch" else "stretch"
-            other = Variant(replace(best.contract, resize=resize))
-            if all(each.contract != other.contract for each in variants):
-                inferences += other.show(detector, shown[:count])
-                variants.append(other)
+        variants += map(Variant, other_inputs(detector))
+    count, inferences = _show(detector, variants, shown) if len(variants) > 1 else (0, 0)
     final, sources, doubts = _decided(variants, count, labelled=any(labels for _, labels in shown))
-    if not final.problems:
+    if not final.problems:  # nothing was compared, but outputs may show that the contract is wrong
         inferences += len(shown)
         read = detector.with_contract(final.contract)
         answers = [detected(read, image) for image, _ in shown]
-        final.seen, final.problems = [each for each, _ in answers], [problem for _, problem in answers]
+        final.seen, final.problems = (
+            ([*column] for column in zip(*answers, strict=True)) if answers else ([], [])
+        )
     if shifted := shifted_classes(final.seen, [labels for _, labels in shown[: len(final.seen)]]):
         doubts.append(shifted)
         sources = {name: source for name, source in sources.items() if name != "outputs"}
     if wrong := _common(final.problems):
         final, sources, doubts = variants[0], {}, wrong
     contract = replace(final.contract, sources={**detector.contract.sources, **sources})
-    doubts = [*notes, *doubts]
-    return Comparison(contract, tuple(doubts), len(variants) if count else 0, count or len(shown), inferences)
+    n_variants = len(variants) if count else 0
+    return ContractComparison(contract, (*notes, *doubts), n_variants, count or len(shown), inferences)
+
+
+def _show(detector: Detector, variants: list[Variant], shown: Sequence[Known]) -> tuple[int, int]:
+    """Show the pictures to the variants, in rounds, and give up those that are surely worse.
+
+    The best variant is added with its other resize. Returns the numbers of pictures and of inferences.
+    """
+    count, inferences = 0, 0
+    for upto in _ROUNDS:
+        left = [variant for variant in variants if not variant.given_up]
+        cost = 2 * len(left) * (min(upto, len(shown)) - count)
+        if not cost or len(left) == 1 or inferences + cost > _MOST_INFERENCES:
+            break
+        count = min(upto, len(shown))
+        inferences += sum(variant.show(detector, shown[:count]) for variant in left)
+        best = _best_of_its_resize(variants[0], left)
+        if count >= _NOTHING_FROM and best.merit == 0:
+            break
+        for variant in left[1:]:
+            variant.given_up = variant is not best and best.surely_beats(variant)
+        if best.contract.resize != "none":  # that a letterbox is centred hardly matters: AP50 .410 and .407
+            resize: Any = "letterbox" if best.contract.resize == "stretch" else "stretch"
+            other = Variant(replace(best.contract, resize=resize))
+            if all(variant.contract != other.contract for variant in variants):
+                inferences += other.show(detector, shown[:count])
+                variants.append(other)
+    return count, inferences
 
 
 def _read_by_values(detector: Detector, shown: Sequence[Known]) -> tuple[Detector, list[Contract], list[str]]:
@@ -169,8 +180,8 @@ def _read_by_values(detector: Detector, shown: Sequence[Known]) -> tuple[Detecto
     )
     pictures = _pictures(len(shown))
     if not why:
-        return detector, [replace(own, outputs=each) for each in allowed[1:_READINGS]], notes
-    others = " or ".join(f"{each!r}" for each in allowed[:_READINGS])
+        return detector, [replace(own, outputs=outputs) for outputs in allowed[1:_READINGS]], notes
+    others = " or ".join(f"{outputs!r}" for outputs in allowed[:_READINGS])
     advice = (
         f"set outputs in the contract: {others} may be right" if others else "no reading that is known fits"
     )
@@ -181,29 +192,38 @@ def _read_by_values(detector: Detector, shown: Sequence[Known]) -> tuple[Detecto
     if len(allowed) > 1:
         source = f"assumed, since {why} with {own.outputs!r}"
     read = replace(own, outputs=allowed[0], sources={**own.sources, "outputs": source})
-    return detector.with_contract(read), [replace(read, outputs=each) for each in allowed[1:_READINGS]], notes
+    return (
+        detector.with_contract(read),
+        [replace(read, outputs=outputs) for outputs in allowed[1:_READINGS]],
+        notes,
+    )
 
 
 def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
     """Colours and values are compared with the contract's own resize: between two resizes there may be a tie."""
-    return max((each for each in among if "resize" not in each.differs(own)), key=lambda each: each.merit)
+    return max(
+        (variant for variant in among if "resize" not in variant.differs(own)),
+        key=lambda variant: variant.merit,
+    )
 
 
 def _decided(
     variants: Sequence[Variant], count: int, *, labelled: bool
 ) -> tuple[Variant, dict[str, str], list[str]]:
     """The variant that so many pictures choose, sources of fields that nothing states, and doubts."""
-    own, left = variants[0], [each for each in variants if not each.given_up]
+    own, left = variants[0], [variant for variant in variants if not variant.given_up]
     if not count:
         return own, {}, []
-    if not labelled and any(_alike(each) for each in left if each.seen):
+    if not labelled and any(_alike(variant) for variant in left if variant.seen):
         text = f"the model finds the same in each of {_pictures(count)}, so they confirm no contract"
         return own, {}, [text]
     assumed, shown = factors(own.contract, "assumed"), _pictures(count)
-    free = [each for each in left if set(each.differs(own)) <= set(assumed)]
+    free = [variant for variant in left if set(variant.differs(own)) <= set(assumed)]
     best = _best_of_its_resize(own, free)
     final = best if best.lead(own, _PROBABLE) > 0 and _may_be_read(best, own) else own
-    resized = (each for each in free if each.differs(final) == ["resize"] and each.surely_beats(final))
+    resized = (
+        variant for variant in free if variant.differs(final) == ["resize"] and variant.surely_beats(final)
+    )
     final = next(resized, final)
     found, agreed = sum(final.found), sum(final.agreed)
     wrong = [
@@ -212,19 +232,23 @@ def _decided(
     ]
     if found < _GARBAGE_FOUND * count or agreed >= _GARBAGE_SHARE * found:
         wrong = []
-    if not any(each.merit for each in left):
+    if not any(variant.merit for variant in left):
         nothing = (
             f"no detection is found again in {shown} with any contract, so the contract is not confirmed"
         )
         return own, {}, wrong or [nothing] * bool(assumed)
-    others = [(each, each.standing(final, stated=each not in free)) for each in variants if each is not final]
+    others = [
+        (variant, variant.standing(final, stated=variant not in free))
+        for variant in variants
+        if variant is not final
+    ]
     sources = dict[str, str]()
     for factor in assumed:
-        standings = {standing for each, standing in others if factor in each.differs(final)}
+        standings = {standing for variant, standing in others if factor in variant.differs(final)}
         for name in FACTORS[factor] if standings else ():
             if (source := own.contract.sources[name]).startswith("assumed"):
                 sources[name] = _source(source, standings, f"{len(variants)} variants on {shown}")
-    rivals = [each for each, standing in others if standing == "rival"]
+    rivals = [variant for variant, standing in others if standing == "rival"]
     return final, sources, [_doubt(final, rivals, shown)] if rivals else wrong
 
 

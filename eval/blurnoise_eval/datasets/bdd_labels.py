@@ -34,7 +34,7 @@ class _Corners(BaseModel):
     y2: Number
 
 
-class _Label(BaseModel):
+class _BddLabel(BaseModel):
     """Other fields, ``model_extra``, stay with the target. A lane or a drivable area has no box."""
 
     model_config = ConfigDict(extra="allow")
@@ -43,10 +43,10 @@ class _Label(BaseModel):
     category: Characters | None = None
 
 
-class _Frame(BaseModel):
+class _BddFrame(BaseModel):
     name: Characters
     video: Annotated[Characters | None, Field(alias="videoName")] = None
-    labels: list[_Label] | None = None
+    labels: list[_BddLabel] | None = None
     size: Sized | None = None
 
 
@@ -89,7 +89,7 @@ def bdd(
         frames = document.get("frames") if isinstance(document, dict) else document
         config = document.get("config") if isinstance(document, dict) else None
         common = checked(_Config, config, "config").image_size if isinstance(config, dict) else None
-        checked_frames = list(each(frames, "frames", _Frame))
+        checked_frames = list(each(frames, "frames", _BddFrame))
         sized = bool(checked_frames) and all(frame.size or common for frame in checked_frames)
         names = selection.names(_names(checked_frames, selection), sized=sized)
         entries: list[Listed] = []
@@ -112,7 +112,7 @@ def bdd(
         return selection.picture_set(entries)
 
 
-def _names(frames: Sequence[_Frame], selection: Selection) -> list[str]:
+def _names(frames: Sequence[_BddFrame], selection: Selection) -> list[str]:
     """The frames' names in the folder of their video, unless the pictures of all videos are in one folder."""
     flat = [frame.name for frame in frames]
     in_videos = [

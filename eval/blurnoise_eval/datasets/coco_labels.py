@@ -33,23 +33,23 @@ from blurnoise_eval.system.urls import Location
 _READ = ("id", "image_id", "category_id", "bbox")  # of an annotation; the rest stays with the target
 
 
-class _Category(BaseModel):
+class _CocoCategory(BaseModel):
     id: Whole
     name: Characters
 
 
-class _Image(Sized):
+class _CocoImage(Sized):
     id: Whole
     file_name: Characters
 
 
 class _Coco(BaseModel):
-    images: list[_Image]
-    categories: list[_Category]
+    images: list[_CocoImage]
+    categories: list[_CocoCategory]
     annotations: list[Any]  # checked one by one: of the largest sets they fill the memory
 
 
-class _Annotation(BaseModel):
+class _CocoAnnotation(BaseModel):
     image_id: Whole
     category_id: Whole
     bbox: Annotated[list[Number], Len(4, 4)]  # x, y, width, height, px
@@ -102,11 +102,12 @@ def coco(
         }
         used: set[int] = set()
         repeated = ignored = 0
-        for index, entry in enumerate(each(document.annotations, "annotations", _Annotation)):
+        for index, entry in enumerate(each(document.annotations, "annotations", _CocoAnnotation)):
             if entry.category_id not in names:
                 span = f"{min(names)} to {max(names)}" if names else "none"
                 known = f"category_id = {entry.category_id}: must be the id of a category ({span})"
                 raise ValueError(f"annotations[{index}]: {known}")
+            # pycocotools ignores them, too.
             if entry.image_id not in listed:
                 selection.leave_out("of pictures that are not in images")
                 continue

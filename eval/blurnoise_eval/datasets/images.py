@@ -30,7 +30,7 @@ _ORIENTATION = 0x0112  # EXIF's tag; its values 5 to 8 swap width and height
 _BITS_PER_SAMPLE = 258  # TIFF's tag
 
 
-class _Header(NamedTuple):
+class _PictureHeader(NamedTuple):
     """What a picture's first bytes say. size_px: (width, height), turned; multiplied: whether OpenCV would multiply
     the colours by the transparency, as it does for TIFFs of 8 bits."""
 
@@ -139,7 +139,7 @@ def _by_opencv(data: bytes) -> NDArray[Any] | None:
     return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
 
 
-def _header(path: Location, known: str | None = None) -> tuple[Path, _Header | None]:
+def _header(path: Location, known: str | None = None) -> tuple[Path, _PictureHeader | None]:
     """The file on this machine, and what it says; None where Pillow does not know the format.
 
     Raises :class:`UnreadablePicture` for one that is missing, or of more pixels than Pillow opens.
@@ -161,7 +161,7 @@ def _header(path: Location, known: str | None = None) -> tuple[Path, _Header | N
                 multiplied = header.mode == "RGBA" and 8 in depths
                 width, height = header.size
                 size = (height, width) if turned else (width, height)
-                return source, _Header(size, header.format, multiplied)
+                return source, _PictureHeader(size, header.format, multiplied)
     except PIL.Image.DecompressionBombError:
         raise UnreadablePicture(f"{path}: must have at most {MOST_MEGAPIXELS:g} megapixels") from None
     except Exception:  # Pillow raises all sorts; what a picture is, OpenCV says

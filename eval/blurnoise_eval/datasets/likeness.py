@@ -26,7 +26,7 @@ _ENOUGH = 256  # px of the shorter side, of which the small picture is made: 64 
 _STRUCTURE = 2.0  # DN of 255: standard deviation of the small picture below which there is nothing to compare
 
 
-def look(picture: Image) -> str:
+def perceptual_hash(picture: Image) -> str:
     """The hash of a picture, (H, W) or (H, W, 3), 8 or 16 bit; empty for one without structure."""
     step = max(1, min(picture.shape[:2]) // _ENOUGH)
     sampled = np.ascontiguousarray(picture[::step, ::step])

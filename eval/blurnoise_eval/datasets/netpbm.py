@@ -20,7 +20,7 @@ _PAM = re.compile(rb"P7\n(.*?)^ENDHDR\n", re.DOTALL | re.MULTILINE)
 _LARGEST_HEADER = 1 << 16
 
 
-class Header(NamedTuple):
+class NetpbmHeader(NamedTuple):
     """Kind (1 to 7), sides, channels, the largest value, and where the pixels begin."""
 
     kind: int
@@ -31,7 +31,7 @@ class Header(NamedTuple):
     begin: int
 
 
-def header(data: bytes) -> Header | None:
+def header(data: bytes) -> NetpbmHeader | None:
     """What the file says; None for one of another format. Raises ``ValueError`` for a broken header.
 
     >>> header(b"P5 640 480 255 ...").width
@@ -50,7 +50,7 @@ def header(data: bytes) -> Header | None:
         width, height = int(numbers[1]), int(numbers[2])
         maximum = 1 if bitmap else int(numbers[3] or 0)
         begin = numbers.end(2 if bitmap else 3) + 1  # one character of space
-        parsed = Header(int(kind), width, height, 3 if kind in b"36" else 1, maximum, begin)
+        parsed = NetpbmHeader(int(kind), width, height, 3 if kind in b"36" else 1, maximum, begin)
     if not (parsed.width and parsed.height and 1 <= parsed.maximum <= 65535 and 1 <= parsed.channels <= 4):
         *sides, channels, maximum = parsed[1:5]
         raise ValueError(
@@ -60,7 +60,7 @@ def header(data: bytes) -> Header | None:
     return parsed
 
 
-def _of_pam(head: bytes) -> Header:
+def _of_pam(head: bytes) -> NetpbmHeader:
     match = _PAM.match(head)
     lines = [line.split() for line in match[1].split(b"\n") if line[:1] != b"#"] if match else []
     entries = {line[0]: line[1] for line in lines if len(line) > 1}
@@ -70,10 +70,10 @@ def _of_pam(head: bytes) -> Header:
         )
     except (KeyError, ValueError):
         raise ValueError("must have WIDTH, HEIGHT, DEPTH and MAXVAL in its header") from None
-    return Header(7, width, height, depth, maximum, match.end() if match else 0)
+    return NetpbmHeader(7, width, height, depth, maximum, match.end() if match else 0)
 
 
-def decode(data: bytes, about: Header) -> Pixels:
+def decode(data: bytes, about: NetpbmHeader) -> Pixels:
     """The first picture, (H, W) grey or (H, W, 3) RGB, without transparency: value / maximum, 8 bits up to a maximum
     of 255, else 16. Raises ``ValueError`` for missing pixels and values beyond the maximum."""
     kind, width, height, channels, maximum, begin = about

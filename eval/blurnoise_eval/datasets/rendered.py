@@ -51,7 +51,7 @@ class _Sign(NamedTuple):
     centre_px: tuple[float, float]
 
 
-class _Scene(NamedTuple):
+class _RenderedScene(NamedTuple):
     """Picture ``number`` of a seed, and its signs."""
 
     signs: tuple[_Sign, ...]
@@ -103,7 +103,7 @@ def rendered_signs(
     listed = "-".join(f"{size:g}" for size in sizes_px)
     pictures = []
     for number in range(count):
-        scene = _Scene(_placed(sizes_px, number, seed), number, seed)
+        scene = _RenderedScene(_placed(sizes_px, number, seed), number, seed)
         name = f"stop-signs-{listed}px-{number + 1:02}"
         identity = f"rendered {listed} px, {number} of seed {seed}"
         targets = tuple(_target(sign, reads) for sign in scene.signs)
@@ -145,7 +145,7 @@ def _placed(sizes_px: Sequence[float], number: int, seed: int) -> tuple[_Sign, .
 
 
 @lru_cache(maxsize=2 * RENDERED_PICTURES)  # 0.3 MB and 0.1 s each; sweeps load some twice
-def _rendered(scene: _Scene) -> NDArray[np.uint8]:
+def _rendered(scene: _RenderedScene) -> NDArray[np.uint8]:
     picture = scene.background()
     for sign in scene.signs:
         picture = charts.stop_sign(sign.size_px, centre_px=sign.centre_px, background=picture)

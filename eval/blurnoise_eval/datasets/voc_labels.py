@@ -31,29 +31,29 @@ _FROM_ONE = (
 _PICTURES = ("JPEGImages", "images", "data")  # folders beside Annotations
 
 
-class _Box(BaseModel):
+class _VocBox(BaseModel):
     xmin: float
     ymin: float
     xmax: float
     ymax: float
 
 
-class _Object(BaseModel):
+class _VocObject(BaseModel):
     name: Characters
-    bndbox: _Box | None = None
+    bndbox: _VocBox | None = None
     difficult: Flag = False
 
 
-class _Size(BaseModel):
+class _VocSize(BaseModel):
     width: float = 0
     height: float = 0
 
 
-class _Annotation(BaseModel):
+class _VocFile(BaseModel):
     filename: str = ""
     database: str = ""
-    size: _Size = _Size()
-    objects: list[_Object]
+    size: _VocSize = _VocSize()
+    objects: list[_VocObject]
 
     @property
     def size_px(self) -> tuple[float, float] | None:
@@ -106,7 +106,7 @@ def voc(
         for name in files:
             annotation = read[name]
             size_px = annotation.size_px
-            one = annotation.database.startswith(_FROM_ONE)
+            one = annotation.database.startswith(_FROM_ONE)  # its boxes begin a pixel further left and up
             targets: list[Target] = []
             for entry in annotation.objects:
                 if (box := entry.bndbox) is None:
@@ -132,7 +132,7 @@ def voc(
         return selection.picture_set(entries)
 
 
-def _counted_from(read: Sequence[_Annotation], from_one: Sequence[bool]) -> list[str]:
+def _counted_from(read: Sequence[_VocFile], from_one: Sequence[bool]) -> list[str]:
     """What was assumed of the first pixel, and a doubt where boxes touch 1 and none 0."""
     challenge = sum(entry.database.startswith(_FROM_ONE) for entry in read)
     notes = [f"files of the VOC challenge, whose pixels count from 1: {challenge}"] if challenge else []
@@ -151,7 +151,7 @@ def _counted_from(read: Sequence[_Annotation], from_one: Sequence[bool]) -> list
     return notes
 
 
-def _annotation(file: Location) -> _Annotation:
+def _annotation(file: Location) -> _VocFile:
     check_regular(local_file(file))
     with faults_of("label file", file):
         root = xml_of(read_text(file))
@@ -171,7 +171,7 @@ def _annotation(file: Location) -> _Annotation:
             "filename": root.findtext("filename") or "", "database": root.findtext("source/database") or "",
             "size": _texts(root.find("size")), "objects": objects,
         }  # fmt: skip
-        return checked(_Annotation, fields)
+        return checked(_VocFile, fields)
 
 
 def _texts(parent: Element | None) -> dict[str, str]:

@@ -45,7 +45,7 @@ Object = tuple[str, tuple[float, float, float, float]]
 """A class, and a box as shares (x0, y0, x1, y1) of the picture's sides."""
 
 
-class _Objects(NamedTuple):
+class _LabelFile(NamedTuple):
     """Of a label file, without ``repeated`` rows, which occur before."""
 
     objects: list[Object]
@@ -280,14 +280,14 @@ def _label_folder(folder: Location) -> Location:
     return folder
 
 
-def _objects(file: Location, classes: Mapping[int, str]) -> _Objects:
+def _objects(file: Location, classes: Mapping[int, str]) -> _LabelFile:
     check_regular(local_file(file))  # a missing file is no error
     with faults_of("label file", file):
         rows = list(each_line(read_text(file), partial(_row, classes=classes)))
     unique: dict[bytes, NDArray[np.float64]] = {}
     for row in rows:
         unique.setdefault(row.astype(np.float32).tobytes(), row)  # as Ultralytics tells them apart
-    return _Objects([_object(row, classes) for row in unique.values()], len(rows) - len(unique), rows)
+    return _LabelFile([_object(row, classes) for row in unique.values()], len(rows) - len(unique), rows)
 
 
 def _row(line: str, *, classes: Mapping[int, str]) -> NDArray[np.float64]:

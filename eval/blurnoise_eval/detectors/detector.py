@@ -14,7 +14,7 @@ from blurnoise_eval.detectors.contract_files import Given, stated_contract
 from blurnoise_eval.detectors.formats import PRESETS
 from blurnoise_eval.detectors.formats.boxes import Blob, Candidates, Placement, lay_in, suppress
 from blurnoise_eval.detectors.formats.columns import named, readings
-from blurnoise_eval.detectors.formats.family import Layout, extra_feeds, read_signature
+from blurnoise_eval.detectors.formats.family import OutputLayout, extra_feeds, read_signature
 from blurnoise_eval.detectors.model import DTYPES, TIMEOUT_S, OnnxModel
 from blurnoise_eval.detectors.recognition import exported_fields, resolve
 from blurnoise_eval.detectors.records import Detections, FloatArray
@@ -64,7 +64,7 @@ class Detector(OnnxModel):
         self._extras = extra_feeds(self.inputs[1:], self.input_size_px, self.batch) or {}
         self._buffers = threading.local()
 
-    def _read_by(self, layout: Layout) -> None:
+    def _read_by(self, layout: OutputLayout) -> None:
         self.family, self._decoded, self.why = layout.family, list(layout.outputs), layout.why
 
     def with_contract(self, contract: Contract) -> Detector:
@@ -185,11 +185,11 @@ class Detector(OnnxModel):
         self._buffers.blob = blob
         return self.run(blob), placement
 
-    def look(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
-        """What :meth:`detect` returns, and a function to boxes with their scores of classes where another one leads.
+    def detect_all(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
+        """Return the detections of :meth:`detect`, and a function that returns those of classes that lead no box.
 
-        It takes class ids and what the scores must exceed, one for each, and answers from ``OWN_SCORE`` on,
-        suppressed within each class. None where the graph has one score a box, or one class.
+        The function takes class ids and, for each, what its scores must exceed; it returns scores from ``OWN_SCORE``
+        on, suppressed within each class. It is None where the graph has one score per box, or one class.
         """
         outputs, placement = self._answers(image)
         candidates, detections = self._found(outputs, placement, MIN_SCORE, MOST_DETECTIONS)

@@ -99,7 +99,7 @@ class PythonDetector(Detector):
             raise ModelError(f"{self.name}: score = {detections.scores.max():g}: must be >= 0 and <= 1")
         return detections[(detections.scores >= min_score) & (detections.class_ids >= 0)][:max_detections]
 
-    def look(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
+    def detect_all(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
         """The detections of :meth:`detect`; each box has the classes that the function returned."""
         return self.detect(image), None
 

@@ -17,7 +17,7 @@ from blurnoise_eval.detectors.formats import BY_EVIDENCE, FAMILIES, PRESETS
 from blurnoise_eval.detectors.formats.boxes import lay_in
 from blurnoise_eval.detectors.formats.columns import matched, named, readings, refuted
 from blurnoise_eval.detectors.formats.exporters import RTDETR_V83, RTDETR_V84, YOLOV5, YOLOV8, YOLOV10
-from blurnoise_eval.detectors.formats.family import Family, Layout, Signature
+from blurnoise_eval.detectors.formats.family import Family, OutputLayout, Signature
 from blurnoise_eval.detectors.formats.grids import with_head
 from blurnoise_eval.detectors.model import TensorInfo
 from blurnoise_eval.detectors.outputs import EXAMPLE, parsed
@@ -37,7 +37,7 @@ _RAW_SIZE_LIMIT = 16.0
 """YOLOX's raw sizes are logarithms of strides, rarely above 4; boxes in px reach this in the 99th percentile."""
 
 
-def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Contract, Layout]:
+def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Contract, OutputLayout]:
     """Return a graph's contract with the input size filled in, and how its family reads it.
 
     The contract is what is stated, else the preset of the family that the graph shows, with every field that it
@@ -81,7 +81,7 @@ def _slots(contract: Contract) -> int:
     return len(contract.classes) + (contract.outputs is not None and _SPARE in contract.outputs)
 
 
-def _with_background(contract: Contract, layout: Layout) -> Contract:
+def _with_background(contract: Contract, layout: OutputLayout) -> Contract:
     """Of a family whose own classes are followed by one for none, with that column."""
     text = contract.outputs
     if not layout.family.background_last or text is None or _SPARE in text:
@@ -94,7 +94,7 @@ def _with_background(contract: Contract, layout: Layout) -> Contract:
     return replace(contract, outputs=outputs, sources={**contract.sources, "outputs": why})
 
 
-def _as_stated(stated: Contract, signature: Signature) -> Layout | None:
+def _as_stated(stated: Contract, signature: Signature) -> OutputLayout | None:
     """How the graph is read by a contract; None where it has no such outputs."""
     family = _with_head(stated)
     usual = preset(stated.family).outputs
@@ -110,12 +110,12 @@ def _as_stated(stated: Contract, signature: Signature) -> Layout | None:
     dense = any(column.kind == "scores" and column.how != "by softmax" for column in columns)
     family = replace(family, several_classes=family.several_classes if usual else dense)
     shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in matching)
-    return Layout(
+    return OutputLayout(
         family, tuple(output.name for output in matching), 0, f"output{'s' * (len(matching) > 1)} {shapes}"
     )
 
 
-def _read(contract: Contract, layout: Layout, signature: Signature) -> Contract:
+def _read(contract: Contract, layout: OutputLayout, signature: Signature) -> Contract:
     """With another reading of the columns, where the answers for a grey picture refute the family's own."""
     if contract.outputs is None or not signature.answers:
         return contract
@@ -148,11 +148,12 @@ def _with_head(stated: Contract) -> Family:
     return family
 
 
-def _recognise(signature: Signature) -> tuple[Layout, str]:
+def _recognise(signature: Signature) -> tuple[OutputLayout, str]:
     """How the graph is read, and what shows it, "graph: ..." or "assumed: ..."."""
     exporter, groups = _by_metadata(signature.metadata)
     known = exported_fields(signature.metadata).get("classes")
-    unnamed = list[Layout]()
+    unnamed = list[OutputLayout]()
+    # What the exporter says of itself is the surest, then what only one family can have: see BY_EVIDENCE.
     for group in (*groups, *BY_EVIDENCE):
         exported = f"metadata {exporter}; " * (group in groups)
         fitting = list(filter(None, (family.describe(signature) for family in group)))
@@ -176,7 +177,7 @@ def _recognise(signature: Signature) -> tuple[Layout, str]:
     )
 
 
-def _by_columns(signature: Signature) -> Iterator[Layout]:
+def _by_columns(signature: Signature) -> Iterator[OutputLayout]:
     """Readings of a graph of no known exporter whose outputs may be columns, the likeliest first."""
     family = FAMILIES["columns"]
     known = exported_fields(signature.metadata).get("classes")
@@ -193,7 +194,7 @@ def _by_columns(signature: Signature) -> Iterator[Layout]:
             dense = "scores" in text and "softmax" not in text
             as_read = replace(family.preset, outputs=text, classes=classes)
             family = replace(family, preset=as_read, several_classes=dense)
-            yield Layout(
+            yield OutputLayout(
                 family, names, len(classes) if "scores" in text else 0, f"outputs {shapes} as {text!r}"
             )
 
@@ -211,7 +212,7 @@ def _by_metadata(metadata: Mapping[str, str]) -> tuple[str, tuple[tuple[Family, 
     return ("stride, names", ((YOLOV5,),)) if {"stride", "names"} <= metadata.keys() else ("", ())
 
 
-def _choose(fitting: list[Layout], signature: Signature, exported: str) -> tuple[Layout, str]:
+def _choose(fitting: list[OutputLayout], signature: Signature, exported: str) -> tuple[OutputLayout, str]:
     """Which of several families it is: the one with as many classes as there are names, whose columns the values
     allow, else a probe's."""
     known = exported_fields(signature.metadata).get("classes")
@@ -250,7 +251,7 @@ def _choose(fitting: list[Layout], signature: Signature, exported: str) -> tuple
     )
 
 
-def _refuted(layout: Layout, signature: Signature) -> str:
+def _refuted(layout: OutputLayout, signature: Signature) -> str:
     """Why the answers for a grey picture are not of this family; "" where they may be."""
     usual = layout.family.preset
     if usual.outputs is None or not signature.answers:
@@ -293,7 +294,7 @@ def _yolox_or_yolov6(outputs: Sequence[NDArray[np.float32]]) -> tuple[str, str] 
     return None
 
 
-def _assumed(layout: Layout, source: str, signature: Signature) -> Contract:
+def _assumed(layout: OutputLayout, source: str, signature: Signature) -> Contract:
     """Return the preset of a recognised family, completed from metadata as Ultralytics' exports write it."""
     name, count = layout.family.name, layout.classes
     base = replace(layout.family.preset, sources=preset(name).sources)

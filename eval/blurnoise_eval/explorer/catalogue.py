@@ -83,7 +83,7 @@ class Catalogue:
             lambda name: self._entry("picture", name).open()
         )
         self._model: Callable[[str], Detector | None] = cache(lambda name: self._entry("model", name).open())
-        # The page asks for a frame, then for what is found in it.
+        # The page asks for a frame, then for the detections in it.
         self.frame: Callable[[State], Frame] = lru_cache(2)(
             lambda state: self.subject(state).frame(state, self.camera(state))
         )

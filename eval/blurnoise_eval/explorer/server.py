@@ -142,14 +142,14 @@ def _preview(catalogue: Catalogue, state: State) -> Response:
 
 
 def _facts(catalogue: Catalogue, state: State) -> Response:
-    """The query and the controls of a state, the figures of its picture and what the detector finds in it."""
+    """The query and the controls of a state, the figures of its picture, and the detections."""
     message = ""
     try:
         model = catalogue.model(state)
     except _EXPECTED as error:  # the picture is there without it
         model, message = None, str(error)
     rendered = catalogue.subject(state).rendered(catalogue.frame(state), model)
-    found, (good, verdict) = rendered.found, rendered.verdict
+    scored, (good, verdict) = rendered.scored, rendered.verdict
     numbers = [
         (name, title, "none" if value is None else f"{value:.5g} {unit}")
         for name, (title, value, unit) in rendered.numbers.items()
@@ -162,9 +162,9 @@ def _facts(catalogue: Catalogue, state: State) -> Response:
         "message": message,
         "numbers": numbers,
         "size": rendered.frame.image.shape[1::-1],
-        "boxes": found.boxes if found else [],
-        "original_boxes": found.original_boxes if found else [],
-        "scored": found is not None and bool(found.counted.targets),
+        "boxes": scored.boxes if scored else [],
+        "original_boxes": scored.original_boxes if scored else [],
+        "scored": scored is not None and bool(scored.counted.targets),
     }
     return JSONResponse(facts)
 
@@ -172,8 +172,11 @@ def _facts(catalogue: Catalogue, state: State) -> Response:
 def _controls(catalogue: Catalogue, state: State) -> dict[str, tuple[str, int]]:
     """Text and position of each control."""
     camera = catalogue.camera(state)
-    values = {name: (each, each.read(state, camera)) for name, each in catalogue.controls(state).items()}
-    return {name: (text_of(each.axis, value), each.position(value)) for name, (each, value) in values.items()}
+    placed = {}
+    for name, control in catalogue.controls(state).items():
+        value = control.read(state, camera)
+        placed[name] = text_of(control.axis, value), control.position(value)
+    return placed
 
 
 def _curve(catalogue: Catalogue, state: State) -> Response:
@@ -181,9 +184,9 @@ def _curve(catalogue: Catalogue, state: State) -> Response:
     page no longer waits for it."""
     subject, camera, model = catalogue.subject(state), catalogue.camera(state), catalogue.model(state)
     rendered = subject.rendered(catalogue.frame(state), model)
-    if model is None or rendered.found is None:
+    if model is None or rendered.scored is None:
         raise ValueError("model = 'none': has no curve")
-    standard, at_ms = rendered.found.standard, 1e3 * rendered.exposure.exposure_s
+    standard, at_ms = rendered.scored.standard, 1e3 * rendered.exposure.exposure_s
 
     def written() -> Iterator[str]:
         curve = []

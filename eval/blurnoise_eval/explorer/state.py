@@ -179,7 +179,7 @@ QUANTITIES: Mapping[str, Axis] = {key(axis): axis for axis in (*AXES, *FIGURES)}
 
 @dataclass(frozen=True)
 class Control:
-    """A slider with a field. values: at the slider's positions, rising, in the axis's own unit."""
+    """A slider with a field. values: at the positions of the slider, increasing, in the unit of the column."""
 
     axis: Axis
     values: tuple[float, ...]
@@ -206,6 +206,10 @@ def controls(camera: Camera, tested: Mapping[str, Sequence[float]] | None = None
     """The controls of a camera, by name of axis or figure.
 
     tested: values of a run by axis; where there are two or more, the slider has these and no others.
+
+    >>> exposure = controls(Camera.preset("imx250"), {"exposure_s": [0.001, 0.01]})["exposure_s"]
+    >>> exposure.texts, exposure.position(0.008)
+    (['1', '10'], 1)
     """
     of_run = tested or {}
     several = {name: tuple(values) for name, values in of_run.items() if len(values) > 1}

@@ -1,4 +1,4 @@
-"""Pictures that are explored: exposed as a sweep does, smaller while a slider moves, and put before a detector.
+"""Pictures that are explored: exposed as in a sweep, smaller while a slider moves, and evaluated by a detector.
 
 All physics is the simulator's and all scoring the harness's: a picture has the bits of the sweep's cell with the same
 conditions and seed. Domain: pictures (H, W, 3) uint8 RGB.
@@ -46,7 +46,7 @@ _GREY = 0.18
 
 
 class Subject:
-    """A picture as light, and what detectors find in the original. Any number of threads may use it.
+    """A picture as light, and the detections in the original. Any number of threads may use it.
 
     run: the run that the picture is of, with whose settings it is exposed. Raises
     :class:`~blurnoise_eval.datasets.UnreadablePicture` where it cannot be loaded.
@@ -91,13 +91,13 @@ class Subject:
         return next(frames(self.small, [Cell("preview", 0, shrunk, state.seed or 0)], slow_rows)).image
 
     def rendered(self, frame: Frame, model: Detector | None) -> Rendered:
-        """A frame with what a detector finds in it."""
+        """A frame with the detections in it."""
         if model is None:
             return Rendered(frame)
         view = self._view(model)
         standard = Standard.of(self._criterion, view.clean)
         output = view.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
-        return Rendered(frame, Found(output, view.clean, standard, model.contract.classes))
+        return Rendered(frame, PictureScore(output, view.clean, standard, model.contract.classes))
 
     def curve(self, state: State, camera: Camera, model: Detector) -> Iterator[Point]:
         """Mean confidences along the exposure, from end to end of its slider."""
@@ -106,14 +106,14 @@ class Subject:
             with suppress(ValueError):  # more motion than is allowed
                 frame = self.frame(state.put(EXPOSURE.name, value), camera)
                 rendered = self.rendered(frame, model)
-                if rendered.found and rendered.found.counted.targets:
+                if rendered.scored and rendered.scored.counted.targets:
                     saturated = rendered.frame.saturated or 0.0
-                    yield Point(EXPOSURE.shown(value), mean_confidence(rendered.found.counted), saturated)
+                    yield Point(EXPOSURE.shown(value), mean_confidence(rendered.scored.counted), saturated)
 
 
 @dataclass(frozen=True)
-class Found:
-    """A detector's outputs for a picture and its original, the standard of the picture, and the classes' names."""
+class PictureScore:
+    """The detections in a picture and in its original, with the standard of the picture and the names of classes."""
 
     output: ModelOutput
     clean: ModelOutput
@@ -160,10 +160,10 @@ class Found:
 
 @dataclass(frozen=True)
 class Rendered:
-    """A picture and what a detector finds in it; None without a detector."""
+    """A picture, with its detections if there is a detector."""
 
     frame: Frame
-    found: Found | None = None
+    scored: PictureScore | None = None
 
     @property
     def exposure(self) -> Exposure:
@@ -175,7 +175,7 @@ class Rendered:
     @property
     def verdict(self) -> tuple[bool, str]:
         """Whether the detector works on the picture, and a sentence on it."""
-        return self.found.standard.verdict(self.found.counted) if self.found else (True, "No model.")
+        return self.scored.standard.verdict(self.scored.counted) if self.scored else (True, "No model.")
 
     @property
     def numbers(self) -> dict[str, tuple[str, float | None, str]]:

@@ -92,7 +92,11 @@ class Point(NamedTuple):
 
 
 def window(curve: Sequence[Point], required: float, at_ms: float) -> tuple[float, float] | None:
-    """The exposures at which the mean is enough: the window around ``at_ms``, else the widest; None without any."""
+    """The exposures at which the mean is enough: the window around ``at_ms``, else the widest; None without any.
+
+    >>> window([Point(1.0, 0.9), Point(4.0, 0.8), Point(16.0, 0.2)], required=0.8, at_ms=4.0)
+    (1.0, 4.0)
+    """
     every = windows([point.exposure_ms for point in curve], [point.mean for point in curve], required)
     around = [ends for ends in every if ends[0] <= at_ms <= ends[1]]
     return next(iter(around or sorted(every, key=lambda ends: ends[0] - ends[1])), None)

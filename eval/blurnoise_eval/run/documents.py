@@ -133,7 +133,7 @@ class ImageEntry(TypedDict):
 
 
 @_OF_DATA_SETS
-class Category(TypedDict):
+class TruthCategory(TypedDict):
     """A class of the labels."""
 
     id: int | str
@@ -145,7 +145,7 @@ class TruthFile(TypedDict):
 
     images: list[ImageEntry]
     annotations: list[Instance]
-    categories: list[Category]
+    categories: list[TruthCategory]
 
 
 _KINDS: dict[str, TypeAdapter[Any]] = {

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.plane import same_places
-from blurnoise_eval.run.search_space import Line, Range, lattice, spread
+from blurnoise_eval.run.search_space import Range, SearchLine, lattice, spread
 from blurnoise_eval.run.surface import CAUTION, USUAL, Kriging, Trend
 from blurnoise_eval.scoring.uncertainty import NORMAL
 
@@ -70,7 +70,7 @@ class EdgeSearch:
 
     def __init__(
         self,
-        lines: Sequence[Line],
+        lines: Sequence[SearchLine],
         exposures: Range,
         levels: float | Sequence[float],
         *,

@@ -153,6 +153,7 @@ def _computed(
             say(step.note, error=True)
         with ProgressBar(step.name, count_cells(pictures, step.plan), progress) as advance:
             more = computing(step.plan, progress=advance, resumed=advance.already)
+        run.forget()  # the strategy chooses the next step by what is there now
         if outcome is None:
             outcome = more  # cells that were there before are counted once
         else:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.contracts.comparison import Comparison
+from blurnoise_eval.contracts.comparison import ContractComparison
 from blurnoise_eval.datasets import Picture, PictureSet, sample
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
@@ -24,7 +24,7 @@ def note_models(
     store: Store,
     models: Sequence[Model],
     pictures: PictureSet,
-    comparisons: Mapping[str, Comparison],
+    comparisons: Mapping[str, ContractComparison],
     *,
     computed: int,
 ) -> None:

@@ -181,6 +181,11 @@ class Run:
             note_batch(store, batch)
             self.setup = Setup.read(store)
 
+    def forget(self) -> None:
+        """Read rows and tables anew when they are asked for again: more cells were computed."""
+        for name in ("cells", "targets", "tables", "pictures", "_facts"):
+            self.__dict__.pop(name, None)
+
     # --- tables ---
 
     @cached_property

@@ -35,10 +35,11 @@ from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.queries import TargetColumns, target_columns
 from blurnoise_eval.store.rows import ScoreRow
 from blurnoise_eval.store.store import Store
+from blurnoise_eval.system.machine import sources
 
 LEAST_AP50 = 0.05
 """On the labelled original pictures: a detector below this has no answers."""
-_SCORES, _VERSION = "scores", 8  # under which the store keeps the scores; of how they are computed
+_SCORES = "scores"  # under which the store keeps the scores
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 
 
@@ -55,7 +56,7 @@ def run_scores(
     names = [score.name for score in of_conditions()]
     by_size = criterion.score if criterion.score in PRECISIONS else None
     made_of: dict[str, Any] = {"of": queries.count_rows(store), "cluster": criterion.cluster}
-    made_of |= {"by_size": by_size, "version": _VERSION, "scores": names}
+    made_of |= {"by_size": by_size, "software": sources(), "scores": names}
     kept = store.about(_SCORES, own=True)
     if kept is not None and made_of == {name: kept.get(name) for name in made_of}:
         return [Scored.of_document(document) for document in kept["found"]]

@@ -39,7 +39,7 @@ Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Line:
+class SearchLine:
     """All exposures under one light, lux above 0, and one velocity (x, y), px/s."""
 
     illuminance_lux: float
@@ -83,10 +83,10 @@ class SearchSpace:
         return {name: self.grid[name][0] for name in FURTHER if name in self.grid}
 
     @cached_property
-    def lines(self) -> tuple[Line, ...]:
+    def lines(self) -> tuple[SearchLine, ...]:
         """A line of the plane for each light above 0 and velocity, the darkest first."""
         lights, *velocity = (self.grid[name] for name in (LIGHT.name, *VELOCITY))
-        return tuple(Line(lux, (x, y)) for lux, x, y in product(filter(None, lights), *velocity))
+        return tuple(SearchLine(lux, (x, y)) for lux, x, y in product(filter(None, lights), *velocity))
 
     @property
     def grid_conditions(self) -> int:
@@ -145,10 +145,10 @@ def _of_time_alone(camera: Camera, space: SearchSpace) -> list[str]:
     return [f"{name} depends on the exposure time alone ({dn:.2g} DN {at})" for name, dn in kept.items()]
 
 
-def direction_of_all(lines: Sequence[Line]) -> tuple[float, float]:
+def direction_of_all(lines: Sequence[SearchLine]) -> tuple[float, float]:
     """The direction of motion of the first line that moves, a unit vector.
 
-    >>> direction_of_all([Line(50.0), Line(50.0, (300.0, 400.0))])
+    >>> direction_of_all([SearchLine(50.0), SearchLine(50.0, (300.0, 400.0))])
     (0.6, 0.8)
     """
     directions = (direction_of(line.velocity_px_s) for line in lines)
@@ -166,7 +166,7 @@ def exposures_on(exposures: Range, per_stop: float) -> Array:
     return np.geomspace(low, high, max(count, 1))
 
 
-def lattice(lines: Sequence[Line], exposures: Range, step: float = STEP) -> Array:
+def lattice(lines: Sequence[SearchLine], exposures: Range, step: float = STEP) -> Array:
     """Places (N, 2) of a lattice of this step within half a step of any line, from end to end of the exposures.
 
     By u, then w; multiples of the step from u = 0 and from the floor, so lattices of other lines share their places.
@@ -201,7 +201,10 @@ def spread(places: Array, count: int, taken: Array | None = None) -> NDArray[np.
 
 
 def conditions_at(
-    place: tuple[float, float], lines: Sequence[Line], exposures_s: Range, further: Mapping[str, float] = {}
+    place: tuple[float, float],
+    lines: Sequence[SearchLine],
+    exposures_s: Range,
+    further: Mapping[str, float] = {},
 ) -> Conditions:
     """The conditions of a place, on lines of one direction; of infinitely many, all the same experiment.
 
@@ -221,7 +224,7 @@ def conditions_at(
     exposure_s = float(np.clip(_rounded(2.0 ** stops.ravel()[nearest]), *exposures_s))
     speed = 2.0 ** place[1] / exposure_s if place[1] > FLOOR else 0.0
     x, y = direction_of_all(lines)
-    line = Line(_rounded(2.0 ** place[0] / exposure_s), (_rounded(speed * x), _rounded(speed * y)))
+    line = SearchLine(_rounded(2.0 ** place[0] / exposure_s), (_rounded(speed * x), _rounded(speed * y)))
     return Conditions(exposure_s=exposure_s, **line.axes, **further)
 
 

@@ -19,7 +19,7 @@ import torch
 
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
-from blurnoise_eval.datasets.likeness import look
+from blurnoise_eval.datasets.likeness import perceptual_hash
 from blurnoise_eval.plan.axes import blur_px
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.plan.plan import SweepPlan
@@ -133,7 +133,11 @@ class PreparedPicture(NamedTuple):
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         views: list[ModelOnPicture] = [ModelOnPicture(model, picture, scene.image8) for model in work.models]
-        return cls(scene, views, PictureFacts(picture.identity, content(image), width, height, look(image)))
+        return cls(
+            scene,
+            views,
+            PictureFacts(picture.identity, content(image), width, height, perceptual_hash(image)),
+        )
 
 
 class Worker:

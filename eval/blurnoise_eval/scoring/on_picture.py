@@ -108,7 +108,7 @@ class ModelOnPicture:
     def _detect(
         self, model: Any, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
     ) -> tuple[Detections, list[TargetAnswer]]:
-        found, own = model.look(image)
+        found, own = model.detect_all(image)
         if not self._labelled:
             clean = found.leading[found.leading.scores >= FOUND_SCORE]
             self._targets, self._ids = _found_targets(clean, model.contract.classes), clean.class_ids

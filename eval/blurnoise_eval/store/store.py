@@ -58,7 +58,7 @@ class Stated(dict[str, Any]):
 
 class PictureFacts(NamedTuple):
     """A picture of the run: its source, a hash of its pixels, its size, and a hash of its appearance, see
-    :func:`~blurnoise_eval.datasets.likeness.look`."""
+    :func:`~blurnoise_eval.datasets.likeness.perceptual_hash`."""
 
     identity: str
     content: str

@@ -6,6 +6,7 @@ import json
 import cv2
 import matched_filter
 import pytest
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.system.urls import listing, location
 from commands import main
 from s3_servers import BUCKET, at, s3_server, wire_to
@@ -68,3 +69,6 @@ def test_a_sweep_is_that_of_folders_goes_on_elsewhere_and_is_read(engine, tmp_pa
         assert json.loads(capsys.readouterr().out)["computed"] == 0
         assert main(["report", there, "--coco"]) == 0
         assert "coco/small.json" in listing(location(there))
+        run = Run.open(there)
+        assert run.answers == Run.open(here).answers
+        assert run.summary()["run"] == there

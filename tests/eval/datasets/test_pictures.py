@@ -23,7 +23,7 @@ from blurnoise_eval.datasets import (
     size_group,
     write_picture,
 )
-from blurnoise_eval.datasets.likeness import look, scenes
+from blurnoise_eval.datasets.likeness import perceptual_hash, scenes
 from numpy.typing import NDArray
 
 ORIENTATION = 0x0112
@@ -225,7 +225,7 @@ def again(picture, rng):
 
 def test_pictures_of_one_scene_are_found_together():
     rng = np.random.default_rng(0)
-    found = scenes([look(again(scene(place // 5), rng)) for place in range(60)])
+    found = scenes([perceptual_hash(again(scene(place // 5), rng)) for place in range(60)])
     together = np.arange(60) // 5
     assert (found[:, None] == found)[together[:, None] != together].sum() == 0
     assert 12 <= len(set(found.tolist())) <= 14

@@ -121,12 +121,12 @@ def test_a_cell_has_the_picture_and_confidences_of_the_run(run, tmp_path, monkey
         targets = [each.target.confidence for each in queries.targets_of(store, cell, model)]
         detections = store.detections(cell, model)
     state = catalogue.start(cell=cell)
-    found = catalogue.render(state).found
-    assert found is not None
-    assert found.standard.required == 0.6  # rendered signs: a confidence of their own
-    assert mean_confidence(found.counted) == row.target_confidence
-    assert [target.confidence for target in found.counted.targets] == targets
-    assert np.array_equal(found.output.detections.boxes_xyxy, detections.boxes_xyxy)
+    scored = catalogue.render(state).scored
+    assert scored is not None
+    assert scored.standard.required == 0.6  # rendered signs: a confidence of their own
+    assert mean_confidence(scored.counted) == row.target_confidence
+    assert [target.confidence for target in scored.counted.targets] == targets
+    assert np.array_equal(scored.output.detections.boxes_xyxy, detections.boxes_xyxy)
     assert catalogue.start(state.query(catalogue.base)) == state
     same(state.put("f_number", 4.0), catalogue, tmp_path, monkeypatch)
     with pytest.raises(ValueError, match="cell: needs a run"):

@@ -11,7 +11,7 @@ from blurnoise_eval.datasets import Picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.explorer.state import State, controls
-from blurnoise_eval.explorer.subject import CURVE_EVERY, Found, Subject
+from blurnoise_eval.explorer.subject import CURVE_EVERY, PictureScore, Subject
 from blurnoise_eval.explorer.verdict import Point, Standard, mean_confidence, window, window_sentence
 from blurnoise_eval.scoring.on_picture import NOTHING, ModelOutput
 from blurnoise_models.detector import STOP_SIGN
@@ -49,17 +49,17 @@ def test_numbers_are_those_of_their_formulas(signs):
 
 def test_the_verdict_is_the_share_that_is_kept_and_the_curve_goes_through_it(signs):
     detector = Detector(STOP_SIGN)
-    found = rendered(STATE, signs, detector).found
-    unit = np.mean([row.confidence for row in found.clean.targets])
-    share = mean_confidence(found.output) / unit
-    good, sentence = found.standard.verdict(found.counted)
+    scored = rendered(STATE, signs, detector).scored
+    unit = np.mean([row.confidence for row in scored.clean.targets])
+    share = mean_confidence(scored.output) / unit
+    good, sentence = scored.standard.verdict(scored.counted)
     assert good == (share >= 0.9)
     assert sentence.startswith(f"Keeps {100 * share:.0f} % of its confidence in the original")
     points = list(signs.curve(STATE, CAMERA, detector))
     exposures_s = controls(CAMERA)["exposure_s"].values[::CURVE_EVERY]
     assert [point.exposure_ms for point in points] == pytest.approx([1e3 * value for value in exposures_s])
     there = rendered(STATE.put("exposure_s", exposures_s[14]), signs, detector)
-    assert points[14].mean == mean_confidence(there.found.counted)
+    assert points[14].mean == mean_confidence(there.scored.counted)
 
 
 def test_the_smaller_copy_is_the_picture_averaged():
@@ -136,8 +136,8 @@ def test_boxes_are_found_missed_or_others():
     boxes_xyxy = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
     detections = Detections(boxes_xyxy, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
     answer = ModelOutput(detections, (target(10, 0.3), target(60, 0.2)), 1.0, None, 0)
-    found = Found(answer, answer, Standard.of(ABSOLUTE, answer), ("sign",))
-    assert [(each["kind"], each["text"]) for each in found.boxes] == [
+    scored = PictureScore(answer, answer, Standard.of(ABSOLUTE, answer), ("sign",))
+    assert [(each["kind"], each["text"]) for each in scored.boxes] == [
         ("other", "sign 0.90"), ("found", "0.30"), ("missed", "0.20"),
     ]  # fmt: skip
-    assert found.boxes[0]["box"] == [0, 0, 9, 9]
+    assert scored.boxes[0]["box"] == [0, 0, 9, 9]

@@ -1,22 +1,25 @@
 """One door: what Python evaluates and what ``blurnoise sweep`` writes are the same."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import commands
 import pandas as pd
 import pytest
 from band_readers import band_reader
-from blurnoise_eval import Run, datasets, evaluate, expose
+from blurnoise_eval import Run, SweepPlan, datasets, evaluate, expose
 from blurnoise_eval.default_camera import default_camera
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.run import TABLES
 from blurnoise_eval.run import latency
 from blurnoise_eval.run.evaluation import usual_pictures, usual_plan
+from blurnoise_eval.run.strategy import Step
 from blurnoise_eval.store.store import StoreError
 from blurnoise_models.detector import STOP_SIGN
 from plans import plan as swept
 from signs_in_memory import some_pictures
+
+from blurnoise import Camera
 
 PLAN = swept((0.002, 0.01), (50.0,), (0.0, 400.0), gain_db=(0.0,))
 OPTIONS = "--exposure-ms 2,10 --lux 50 --dx 0,400 --gain 0 --camera imx250 --no-refine --threads 1 --json"
@@ -121,6 +124,7 @@ def test_one_picture_is_exposed_as_its_cell_was(done, pictures):
         ({"engine": "many"}, ValueError, "engine = 'many'"),
         ({"models": [7]}, TypeError, "models.*must be"),
         ({"plan": {}}, TypeError, "plan.*must be"),
+        ({"strategy": "guess"}, ValueError, "strategy = 'guess': must be one of 'grid', 'refine', 'search'"),
     ],
 )
 def test_bad_input_leaves_no_folder(changes, error, named, pictures, tmp_path):
@@ -137,3 +141,38 @@ def test_readers_get_texts_and_no_detectors_beside_them(detector, tmp_path):
     done = evaluate(reader, plan=swept((0.01,), (50.0,)), output=tmp_path / "read")
     assert {row["truth"] for row in done.targets} == {"STOP"}
     assert usual_pictures([detector]).source.startswith("stop signs")
+
+
+def test_a_part_is_not_searched(pictures, tmp_path):
+    half = replace(datasets.rendered_signs((50,), count=6)).part("1/2")
+    with pytest.raises(ValueError, match="part = '1/2': cannot be combined with a search"):
+        evaluate(pictures=half, plan=PLAN, output=tmp_path / "run", strategy="search")
+
+
+@dataclass(frozen=True)
+class Brightest:
+    """A strategy of one's own: the shortest exposure, then the longest if the model finds little in it."""
+
+    plan: SweepPlan
+    camera: Camera
+    search_space = None
+
+    def steps(self, run):
+        low, high = self.plan.values("exposure_s")
+        for exposure_s in (low, high):
+            only = tuple(at for at in self.plan.conditions() if at.exposure_s == exposure_s)
+            yield Step("dark", replace(self.plan, only=only))
+            if max(row["target_confidence"] or 0.0 for row in run.cells if not row["clean"]) > 0.5:
+                return
+
+
+def test_a_strategy_of_ones_own_reads_what_was_computed(tmp_path):
+    """It may read the run's rows before the next step; what it leaves out is missing from the grid."""
+    signs = datasets.rendered_signs((50,), count=1)
+    for lux, n_exposures in ((1e-3, 2), (2000.0, 1)):
+        plan = swept((0.002, 0.01), (lux,))
+        run = evaluate(
+            pictures=signs, camera="imx250", plan=plan, output=tmp_path / str(lux), strategy=Brightest
+        )
+        assert len({row["exposure_s"] for row in run.cells if not row["clean"]}) == n_exposures
+        assert run.summary()["missing_cells"] == 2 - n_exposures

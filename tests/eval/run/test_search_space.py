@@ -6,7 +6,14 @@ from blurnoise_eval.answers.plane import direction_of, same_places
 from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.run.exposing import PictureScene, frames
-from blurnoise_eval.run.search_space import FLOOR, Line, SearchSpace, conditions_at, lattice, what_breaks
+from blurnoise_eval.run.search_space import (
+    FLOOR,
+    SearchLine,
+    SearchSpace,
+    conditions_at,
+    lattice,
+    what_breaks,
+)
 from signs_in_memory import CAMERA as SMALL_CAMERA
 from signs_in_memory import picture, sign
 
@@ -14,7 +21,7 @@ from blurnoise import Camera
 from blurnoise.camera.captures import Capture, staggered
 
 EXPOSURES_S = 0.001, 0.09
-LINES = tuple(Line(lux, (speed, 0.0)) for lux in (3.0, 50.0, 1000.0) for speed in (0.0, 40.0, 900.0))
+LINES = tuple(SearchLine(lux, (speed, 0.0)) for lux in (3.0, 50.0, 1000.0) for speed in (0.0, 40.0, 900.0))
 CAMERA = Camera.preset("imx250")
 ONE_WAY = {
     "exposure_s": EXPOSURES_S,
@@ -25,9 +32,9 @@ ONE_WAY = {
 
 
 def test_places_are_stops_of_light_and_motion():
-    assert Line(50.0, (300.0, -400.0)).places(0.02) == pytest.approx((0.0, np.log2(10.0)))
-    assert Line(1000.0, (499.0, 0.0)).places(0.001) == pytest.approx((0.0, FLOOR))  # below half a pixel
-    at = Line(3.0, (900.0, 0.0)).places(np.geomspace(0.01, 0.1, 7))
+    assert SearchLine(50.0, (300.0, -400.0)).places(0.02) == pytest.approx((0.0, np.log2(10.0)))
+    assert SearchLine(1000.0, (499.0, 0.0)).places(0.001) == pytest.approx((0.0, FLOOR))  # below half a pixel
+    at = SearchLine(3.0, (900.0, 0.0)).places(np.geomspace(0.01, 0.1, 7))
     assert np.ptp(at[:, 1] - at[:, 0]) < 1e-12  # a line rises by 45 degrees
     assert at[-1] - at[0] == pytest.approx(np.log2(10))
 
@@ -49,10 +56,10 @@ def test_lattice_is_near_every_place_of_every_line_and_nowhere_else(lines):
 
 
 def line_of(at):
-    return Line(at.illuminance_lux, (at.specified["velocity_x_px_s"], at.stated["velocity_y_px_s"]))
+    return SearchLine(at.illuminance_lux, (at.specified["velocity_x_px_s"], at.specified["velocity_y_px_s"]))
 
 
-@pytest.mark.parametrize("lines", [LINES, LINES[2:3], [Line(7.0, (0.0, -333.0)), Line(70.0)]])
+@pytest.mark.parametrize("lines", [LINES, LINES[2:3], [SearchLine(7.0, (0.0, -333.0)), SearchLine(70.0)]])
 def test_conditions_stand_at_their_place_and_near_a_line(lines):
     for place in lattice(lines, EXPOSURES_S).tolist():
         at = conditions_at(tuple(place), lines, EXPOSURES_S)

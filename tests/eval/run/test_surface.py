@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import answers
-from blurnoise_eval.run.search_space import Line, SearchSpace, lattice, spread
+from blurnoise_eval.run.search_space import SearchLine, SearchSpace, lattice, spread
 from blurnoise_eval.run.surface import USUAL, Kriging, correlation, predicted_table
 from made_tables import table
 
-LINES = [Line(lux, (speed, 0.0)) for lux in (2.0, 45.0, 1000.0) for speed in (0.0, 100.0, 1600.0)]
+LINES = [SearchLine(lux, (speed, 0.0)) for lux in (2.0, 45.0, 1000.0) for speed in (0.0, 100.0, 1600.0)]
 PLACES = lattice(LINES, (0.001, 0.09))
 CRITERION = Criterion(0.6, kept=False)
 

@@ -141,13 +141,13 @@ LABELLED = pictures(SIGN)
 
 class Failing:
     def __init__(self, detector, fails):
-        self._look, self._fails, self._calls = detector.look, set(fails), 0
+        self._detect, self._fails, self._calls = detector.detect_all, set(fails), 0
 
     def __call__(self, image, *asked):
         self._calls += 1
         if self._calls - 1 in self._fails:
             raise ModelError("m.onnx: fails on a picture (bad shape)")
-        return self._look(image, *asked)
+        return self._detect(image, *asked)
 
 
 @pytest.fixture(scope="module")
@@ -171,14 +171,14 @@ def test_models_of_one_sweep_are_as_each_alone(detector, second, tmp_path):
 def test_a_model_that_throws_on_a_picture_is_noted_and_the_others_go_on(
     detector, second, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(detector, "look", Failing(detector, [1, 4, 5]))
+    monkeypatch.setattr(detector, "detect_all", Failing(detector, [1, 4, 5]))
     data, cells = run(tmp_path / "some", [detector, second], LABELLED)
     failed = [cell for cell in cells if cell["error"]]
     assert [(cell["model"], cell["target_confidence"]) for cell in failed] == [("small", None)] * 3
     error = {"model": "small", "error": "m.onnx: fails on a picture (bad shape)", "cells": 3}
     assert data.manifest["errors"] == [error]
     assert sum(row.errors for row in data.scores) == 3
-    monkeypatch.setattr(detector, "look", Failing(detector, range(10_000)))
+    monkeypatch.setattr(detector, "detect_all", Failing(detector, range(10_000)))
     with pytest.raises(ModelError, match=r"bad shape.*every one of 8"):
         run(tmp_path / "all", [second, detector], LABELLED)
 

@@ -46,7 +46,7 @@ class Fake:
         self._found = found
         self.contract = type("Contract", (), {"classes": ("square",)})()
 
-    def look(self, image):
+    def detect_all(self, image):
         found = Detections(np.array([self._found(image)]), np.array([1.0]), np.array([0]))
         return found, None
 

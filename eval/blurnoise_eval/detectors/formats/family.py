@@ -131,7 +131,7 @@ def cells(size_px: tuple[int, int], strides: Sequence[int] = STRIDES) -> int:
 
 
 @dataclass(frozen=True)
-class Layout:
+class OutputLayout:
     """How a family reads a graph.
 
     outputs: those to decode, by name, in decode's order. classes: how many the shapes show; 0 where they do
@@ -143,7 +143,7 @@ class Layout:
     classes: int
     why: str
 
-    def bound(self, contract: Contract) -> Layout:
+    def bound(self, contract: Contract) -> OutputLayout:
         """With the columns that a contract states as its family's decoder."""
         if contract.outputs is None:
             return self
@@ -186,13 +186,13 @@ class Family:
         """Of the family and its preset."""
         return self.preset.family
 
-    def describe(self, signature: Signature) -> Layout | None:
+    def describe(self, signature: Signature) -> OutputLayout | None:
         """How the family reads a graph's outputs; None if they have none of its layouts."""
         layouts = (_read(self, signature, text, strides) for text in self.layouts for strides in self.strides)
         return next(filter(None, layouts), None)
 
 
-def _read(family: Family, signature: Signature, text: str, strides: tuple[int, ...]) -> Layout | None:
+def _read(family: Family, signature: Signature, text: str, strides: tuple[int, ...]) -> OutputLayout | None:
     """How the layout ``text`` reads a graph; None where it does not fit, or one entry fits several outputs."""
     entries = text.split(", ")
     inputs = {signature.inputs[0].axes, *(entry.name for entry in signature.inputs[1:])}
@@ -225,7 +225,7 @@ def _read(family: Family, signature: Signature, text: str, strides: tuple[int, .
     shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in outputs)
     why = f"output{'s' * (len(outputs) > 1)} {shapes}" + (f" as {text}" if not named else "")
     why += f": A, the cells of strides {', '.join(map(str, strides))}" if "A" in text else ""
-    return Layout(family, tuple(output.name for output in outputs), max(classes), why)
+    return OutputLayout(family, tuple(output.name for output in outputs), max(classes), why)
 
 
 def _classes(
