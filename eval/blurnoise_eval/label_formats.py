@@ -153,6 +153,7 @@ def format_of(place: Location) -> LabelFormat:
         raise ValueError(
             f"labels = {str(place)!r}: is a folder with JSON files; pass one, such as {jsons[0]}"
         )
+    # First, because these look like formats that are read: CVAT's XML like VOC's, labelme's JSON like COCO's.
     for name, sign, instead in _NOT_READ:
         if labels.head and labels.suffix not in (".yaml", ".yml") and re.match(sign, labels.head, re.DOTALL):
             raise ValueError(f"labels = {str(place)!r}: is {name}, which is not read; {instead}")

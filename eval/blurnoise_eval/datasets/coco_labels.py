@@ -107,6 +107,7 @@ def coco(
                 span = f"{min(names)} to {max(names)}" if names else "none"
                 known = f"category_id = {entry.category_id}: must be the id of a category ({span})"
                 raise ValueError(f"annotations[{index}]: {known}")
+            # pycocotools ignores them, too.
             if entry.image_id not in listed:
                 selection.leave_out("of pictures that are not in images")
                 continue

@@ -62,6 +62,7 @@ class Places:
         if "\0" in path:
             return None
         if isinstance(self.folder, Path) and path.startswith("/"):
+            # A path of this machine may be written as it is, or with the folder's links followed.
             for root in {str(self.folder.absolute()), str(self.folder.resolve())}:
                 if path.startswith(f"{root.rstrip('/')}/"):
                     return inside(path[len(root.rstrip("/")) + 1 :])
@@ -100,6 +101,7 @@ def found_in(names: Sequence[str], folder: Location) -> tuple[Location, str]:
     complete = [candidate for candidate in candidates if len(versions(candidate, first)) == len(first)]
     if len(complete) == 1:
         return complete[0], ""
+    # An archive may have lost its first folders: names then begin with folders that are not there.
     parts = first[0].split("/")
     for count in range(1, len(parts)):
         start = "/".join(parts[:count]) + "/"

@@ -48,6 +48,7 @@ class Selection:
         self._labels, self._keep_empty = tuple(labels), keep_empty
         self._seen: set[str] = set()
         self._left_out: Counter[str] = Counter()
+        # Numbers of all boxes, which are checked together: as objects, those of the largest sets fill the memory.
         self._boxes, self._areas = array("d"), array("d")
         self._sizes: dict[str, tuple[int, int]] = {}
 
@@ -110,6 +111,7 @@ class Selection:
             return self.leave_out("without area")
         if size_px and (x1 <= 0 or y1 <= 0 or x0 >= size_px[0] or y0 >= size_px[1]):
             return self.leave_out("outside the picture")
+        # Without chosen labels a set has too many classes for a curve of each: all count in three sizes.
         group = group or size_group(width, height, label if self._labels else "objects")
         return [Target(label, group, box_xyxy, **others)]
 

@@ -67,6 +67,7 @@ def texts(file: str | Location, *, images: str | Location | None = None) -> Pict
 
         rows = list(each_line(content, read))
         names = selection.names([name for name, _, _ in rows], sized=not with_places)
+        # Without places a picture is its text's box, for which its size has to be known.
         sizes = {} if with_places else sizes_px(selection.folder, names)
         entries = []
         for name, (_, rest, texts_of_line) in zip(names, rows, strict=True):

@@ -106,7 +106,7 @@ def voc(
         for name in files:
             annotation = read[name]
             size_px = annotation.size_px
-            one = annotation.database.startswith(_FROM_ONE)
+            one = annotation.database.startswith(_FROM_ONE)  # its boxes begin a pixel further left and up
             targets: list[Target] = []
             for entry in annotation.objects:
                 if (box := entry.bndbox) is None:

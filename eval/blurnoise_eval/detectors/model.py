@@ -137,8 +137,10 @@ class OnnxModel:
 
     def _loaded(self) -> ort.InferenceSession:
         options = ort.SessionOptions()
+        # One core: the workers of a sweep are the threads, and each asks the session for a picture of its own.
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3
+        # Waiting threads would spin, which takes the core from a worker that has something to do.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         load = partial(ort.InferenceSession, str(self.path), options, providers=["CPUExecutionProvider"])
         try:
@@ -168,6 +170,7 @@ class OnnxModel:
         options = ort.RunOptions()
         options.log_severity_level = 4  # failures are raised
         infer = partial(self.session.run, outputs, feeds, options)
+        # A worker's thread asks directly once the model is known to answer; the main thread must stay interruptible.
         direct = self._answered and threading.current_thread() is not threading.main_thread()
         limit_s = math.inf if self._answered else self.timeout_s
         self._running.add(options)

@@ -153,6 +153,7 @@ def _recognise(signature: Signature) -> tuple[OutputLayout, str]:
     exporter, groups = _by_metadata(signature.metadata)
     known = exported_fields(signature.metadata).get("classes")
     unnamed = list[OutputLayout]()
+    # What the exporter says of itself is the surest, then what only one family can have: see BY_EVIDENCE.
     for group in (*groups, *BY_EVIDENCE):
         exported = f"metadata {exporter}; " * (group in groups)
         fitting = list(filter(None, (family.describe(signature) for family in group)))

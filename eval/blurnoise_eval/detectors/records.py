@@ -44,6 +44,7 @@ class Detections:
             raise ValueError(f"detections: {counts} boxes, scores and classes; the numbers must be equal")
         if not (np.isfinite(values["boxes_xyxy"]).all() and np.isfinite(values["scores"]).all()):
             raise ValueError("detections: boxes and scores must be finite")
+        # Stable, so that ties have the order of the graph's outputs on every machine.
         order = np.argsort(-values["scores"], kind="stable")
         for name, array in values.items():
             object.__setattr__(self, name, array[order])

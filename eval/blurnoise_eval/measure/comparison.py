@@ -36,7 +36,7 @@ class Measure:
 class MeasureComparison:
     """A measure of real and simulated pictures of one level of light.
 
-    difference: with its 95 % interval. chance: the probability of a difference this large by chance, NaN if it is
+    difference: with its 95 % interval. p_value: the probability of a difference this large by chance, NaN if it is
     unknown; :func:`corrected` takes the number of comparisons into account. texture: share of the compared variance
     that is texture of the scene, which both pictures show.
 
@@ -49,7 +49,7 @@ class MeasureComparison:
     real: float
     simulated: float
     difference: Estimate
-    chance: float
+    p_value: float
     kind: str = "chart"
     level: str = ""
     texture: float = 0.0
@@ -57,9 +57,9 @@ class MeasureComparison:
     @property
     def verdict(self) -> str:
         """``AGREES``, ``DIFFERS`` or ``CANNOT_TELL``."""
-        if not math.isfinite(self.chance):
+        if not math.isfinite(self.p_value):
             return CANNOT_TELL
-        if self.chance < SIGNIFICANT:
+        if self.p_value < SIGNIFICANT:
             return DIFFERS
         wide = self.difference.high - self.difference.low > 2 * _WIDEST[self.measure.scale]
         return CANNOT_TELL if wide or self.texture > _MOST_TEXTURE else AGREES
@@ -72,7 +72,7 @@ class MeasureComparison:
             "difference": self.difference.value,
             "low": self.difference.low,
             "high": self.difference.high,
-            "chance": self.chance,
+            "p_value": self.p_value,
             "texture": self.texture,
         }
         names = {"level": self.level, "kind": self.kind, "measure": self.measure.name}
@@ -110,26 +110,26 @@ def compared(
         return MeasureComparison(measure, real, simulated, Estimate(math.nan), math.nan, **about)
     apart = math.log(real / simulated) if relative else real - simulated
     half = float(stats.t.ppf(0.975, freedom)) * error
-    chance = 2 * float(stats.t.sf(abs(apart) / error, freedom)) if error else math.nan
+    p_value = 2 * float(stats.t.sf(abs(apart) / error, freedom)) if error else math.nan
     difference = Estimate(apart, apart - half, apart + half)
     if relative:
         low, high = math.expm1(difference.low), math.expm1(difference.high)
         difference = Estimate(real / simulated - 1, low, high)
-    return MeasureComparison(measure, real, simulated, difference, chance, **about)
+    return MeasureComparison(measure, real, simulated, difference, p_value, **about)
 
 
 def corrected(comparisons: Sequence[MeasureComparison]) -> list[MeasureComparison]:
     """The comparisons with probabilities for all together (Holm): in 95 of 100 cases none differs by chance.
 
-    >>> [each.chance for each in corrected([compared(Measure("x", "x"), 2.0, 2.1, 0.05)] * 2)]  # 0.33 alone
+    >>> [each.p_value for each in corrected([compared(Measure("x", "x"), 2.0, 2.1, 0.05)] * 2)]  # 0.33 alone
     [0.658..., 0.658...]
     """
-    chances = [(comparison.chance, index) for index, comparison in enumerate(comparisons)]
-    known = sorted(pair for pair in chances if math.isfinite(pair[0]))
+    p_values = [(comparison.p_value, index) for index, comparison in enumerate(comparisons)]
+    known = sorted(pair for pair in p_values if math.isfinite(pair[0]))
     adjusted, highest = list(comparisons), 0.0
-    for passed, (chance, index) in enumerate(known):
-        highest = max(highest, min(1.0, chance * (len(known) - passed)))
-        adjusted[index] = replace(comparisons[index], chance=highest)
+    for passed, (p_value, index) in enumerate(known):
+        highest = max(highest, min(1.0, p_value * (len(known) - passed)))
+        adjusted[index] = replace(comparisons[index], p_value=highest)
     return adjusted
 
 

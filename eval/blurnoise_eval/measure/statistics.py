@@ -203,10 +203,10 @@ def compare_scatter(
         for stacks in (real, simulated)
     ]
     one, other = map(math.sqrt, squares)
-    difference, chance = Estimate(math.nan), math.nan
+    difference, p_value = Estimate(math.nan), math.nan
     if min(one, other) > 0:
         ratio, law = squares[0] / squares[1], stats.f(freedom, freedom)
         low, high = (math.sqrt(ratio / law.ppf(quantile)) - 1 for quantile in (0.975, 0.025))
         difference = Estimate(one / other - 1, low, high)
-        chance = 2 * min(float(law.sf(ratio)), float(law.cdf(ratio)))
-    return MeasureComparison(SCATTER, one, other, difference, chance, kind, f"all {kind}")
+        p_value = 2 * min(float(law.sf(ratio)), float(law.cdf(ratio)))
+    return MeasureComparison(SCATTER, one, other, difference, p_value, kind, f"all {kind}")

@@ -36,9 +36,9 @@ def flats(planes, change, only=None):
 def refused(folder, planes, **how):
     with pytest.raises(ValueError, match=r"\S") as caught:
         measure(made_frames.save(folder / "frames", planes), **how)
-    told = str(caught.value)
-    assert "\n" not in told
-    return told
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
 
 
 def every(planes, change):
@@ -108,5 +108,5 @@ def test_numbers_at_the_top_of_16_bits_are_counted_in_steps(planes, tmp_path):
     high = measure(made_frames.save(tmp_path / "high", every(planes, lambda plane: 16 * plane)))
     assert high.bit_depth == 12
     assert any("multiples of 16" in note for note in high.notes)
-    for name, told in low.estimates.items():
-        assert high.estimates[name].value == pytest.approx(told.value, rel=1e-6), name
+    for name, estimate in low.estimates.items():
+        assert high.estimates[name].value == pytest.approx(estimate.value, rel=1e-6), name

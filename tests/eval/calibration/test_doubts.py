@@ -44,12 +44,12 @@ def frames(
     charge_e_s += np.where(random.random(SIZE) < hot, 40e3 * random.gamma(2, 0.5, SIZE), 0)
     lights = random.standard_normal(8)
     taken = {}
-    for place in range(32):
-        exposure_s, kind = 0.0125 * (1 + place // 4), ("dark", "flat")[place // 2 % 2]
-        vignetted = (1 - 0.15 * (x * x + y * y)) * (1 + lamp * lights[place // 4])
+    for index in range(32):
+        exposure_s, kind = 0.0125 * (1 + index // 4), ("dark", "flat")[index // 2 % 2]
+        vignetted = (1 - 0.15 * (x * x + y * y)) * (1 + lamp * lights[index // 4])
         flat_e = 0.85 * WELL_E * exposure_s / 0.1 * vignetted
         light_e = flat_e if kind == "flat" else stray_e_s * exposure_s * (1 + slope * x)
-        mean_e = charge_e_s * (1 + warming * place / 31) * exposure_s + light_e * response
+        mean_e = charge_e_s * (1 + warming * index / 31) * exposure_s + light_e * response
         electrons = (
             np.minimum(random.poisson(mean_e), WELL_E) + READ_E * random.standard_normal(SIZE) + offset_e
         )
@@ -61,8 +61,8 @@ def frames(
 
 
 def holds(found, name, truth):
-    told = found.estimates[name]
-    return told.low <= truth <= told.high
+    estimate = found.estimates[name]
+    return estimate.low <= truth <= estimate.high
 
 
 def test_a_sensor_that_warms_is_named_and_read_noise_is_right(tmp_path):
@@ -82,8 +82,8 @@ def test_hot_pixels_are_named_and_left_out(tmp_path, share):
     found = found_in(tmp_path / "frames", 5, hot=share)
     (doubt,) = found.doubts
     assert "hot pixels: " in doubt.text
-    told = float(doubt.text.split("(")[1].split(" %")[0])
-    assert told == pytest.approx(100 * share, abs=4 * 100 * (share / (SIZE[0] * SIZE[1])) ** 0.5)
+    number = float(doubt.text.split("(")[1].split(" %")[0])
+    assert number == pytest.approx(100 * share, abs=4 * 100 * (share / (SIZE[0] * SIZE[1])) ** 0.5)
     assert found.estimates["prnu"].value == pytest.approx(0.01, rel=0.06)
     assert found.estimates["dsnu_e"].value == pytest.approx(DSNU_E, rel=0.06)
     assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(GAIN, rel=0.02)
@@ -93,7 +93,7 @@ def test_hot_pixels_are_named_and_left_out(tmp_path, share):
 
 
 def test_levels_too_dim_for_a_black_level_that_wanders_are_left_out(tmp_path):
-    """0.8 DN of light beside 0.1 DN of wandering: 'flickering' refused the whole."""
+    """0.8 DN of light with a black level that scatters by 0.1 DN: 'flickering' refused the whole."""
     taken = frames(7, jitter_dn=0.1)
     random = np.random.default_rng(7)
 
@@ -116,8 +116,8 @@ def test_a_tone_curve_is_named_with_its_gamma(tmp_path, gamma):
     found = found_in(tmp_path / "frames", 2, gamma=gamma)
     (doubt,) = found.doubts
     assert doubt.text.startswith("not linear")
-    told = float(doubt.text.split("gamma ")[1].split(")")[0])
-    assert told == pytest.approx(gamma, abs=0.03)
+    number = float(doubt.text.split("gamma ")[1].split(")")[0])
+    assert number == pytest.approx(gamma, abs=0.03)
     assert holds(found, "system_gain_dn_per_e", GAIN)
 
 

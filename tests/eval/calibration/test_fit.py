@@ -29,8 +29,8 @@ def off(found, camera, name):
 
 def covers(found, camera, name, more=1.0):
     """Whether the interval, ``more`` times as wide, holds the truth."""
-    told, off = found.estimates[name], camera.figure(name) - found.estimates[name].value
-    return bool(-more * (told.value - told.low) <= off <= more * (told.high - told.value))
+    estimate, off = found.estimates[name], camera.figure(name) - found.estimates[name].value
+    return bool(-more * (estimate.value - estimate.low) <= off <= more * (estimate.high - estimate.value))
 
 
 def test_a_camera_is_found_in_two_frames_each_of_eight_exposures(tmp_path):
@@ -41,7 +41,9 @@ def test_a_camera_is_found_in_two_frames_each_of_eight_exposures(tmp_path):
     assert off(found, CAMERA, "full_well_e") < 0.02
     assert [name for name in FIGURES if not covers(found, CAMERA, name, 2.5)] == []
     widths = {
-        name: (told.high - told.low) / told.value for name, told in found.estimates.items() if name in FIGURES
+        name: (estimate.high - estimate.low) / estimate.value
+        for name, estimate in found.estimates.items()
+        if name in FIGURES
     }
     assert widths["system_gain_dn_per_e"] < 0.015  # not so wide that they would hold anything
     assert widths["dark_current_e_s"] < 0.05
@@ -49,7 +51,7 @@ def test_a_camera_is_found_in_two_frames_each_of_eight_exposures(tmp_path):
     assert found.clip_dn == pytest.approx(
         CAMERA.sensor.clip_dn, abs=0.5
     )  # read noise may lie on top of a full well
-    brightest = max(found.flat[place].mean_dn for place in found.used)  # up to 70 % of saturation
+    brightest = max(found.flat[index].mean_dn for index in found.used)  # up to 70 % of saturation
     assert brightest - CAMERA.sensor.black_level_dn < 0.71 * (
         CAMERA.sensor.clip_dn - CAMERA.sensor.black_level_dn
     )
@@ -67,20 +69,20 @@ def test_ten_drawn_cameras_are_found(tmp_path, seed):
     else:
         assert covers(found, camera, "read_noise_e")
         assert any("rounding" in note for note in found.notes)
-    told = [name for name in FIGURES if name in found.estimates]
-    assert [name for name in told if not covers(found, camera, name, 2.5)] == []
+    available = [name for name in FIGURES if name in found.estimates]
+    assert [name for name in available if not covers(found, camera, name, 2.5)] == []
 
 
 @pytest.mark.parametrize(("read_e", "bound"), [(6.0, 0.02), (4.0, 0.02), (2.5, 0.04)])
-def test_read_noise_is_told_where_rounding_rules(tmp_path, read_e, bound):
+def test_read_noise_below_the_rounding(tmp_path, read_e, bound):
     """0.6, 0.4 and 0.25 DN of noise: 1/12 DN^2 taken off instead would be wrong by 1, 10 and 30 %."""
-    own = {
+    figures = {
         "system_gain_dn_per_e": 0.1,
         "full_well_e": 35000.0,
         "read_noise_e": read_e,
         "dark_current_e_s": 9.0,
     }
-    camera = CAMERA.with_figures(**own)
+    camera = CAMERA.with_figures(**figures)
     found = found_in(tmp_path / "frames", camera, 3, size=SIZE)
     assert off(found, camera, "read_noise_e") < bound
     assert found.fit.rounding
@@ -108,7 +110,7 @@ def test_uneven_light_and_a_lamp_that_drifts_change_nothing(tmp_path, shade):
     assert found.estimates["prnu"].value < 0.002  # none, in these
 
 
-def test_dark_charge_whose_mean_the_camera_takes_off_is_told_by_the_variance(tmp_path):
+def test_dark_charge_whose_mean_the_camera_subtracts_shows_in_the_variance(tmp_path):
     camera = CAMERA.with_figures(dark_current_e_s=600.0)
     planes = made_frames.exposed(camera, 6, size=SIZE)
     for (_, exposure_s), each in planes.items():
@@ -131,12 +133,12 @@ def drawn(random, mean_e):
 @pytest.mark.slow
 def test_intervals_hold_as_often_as_they_say(tmp_path):
     """95 % of 120 seeds, less 4 standard deviations of a share: 0.95 - 4 sqrt(0.95 0.05/120) = 0.87."""
-    held = {name: 0 for name in FIGURES if name != "full_well_e"}
+    covered = {name: 0 for name in FIGURES if name != "full_well_e"}
     for seed in range(120):
         found = found_in(tmp_path / str(seed), CAMERA, 100 + seed, size=(64, 81))
-        for name in held:
-            held[name] += covers(found, CAMERA, name)
-    assert {name: count for name, count in held.items() if count < 0.87 * 120} == {}
+        for name in covered:
+            covered[name] += covers(found, CAMERA, name)
+    assert {name: count for name, count in covered.items() if count < 0.87 * 120} == {}
 
 
 @pytest.mark.slow
@@ -201,21 +203,21 @@ def test_figure_of_frames_shows_their_levels(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("sigma", "place", "spread"), [(0.3, 7.2, 0.0), (0.2, 7.45, 0.1), (0.5, 7.0, 0.3), (0.9, 7.4, 2.0)]
+    ("sigma", "mean_dn", "spread"), [(0.3, 7.2, 0.0), (0.2, 7.45, 0.1), (0.5, 7.0, 0.3), (0.9, 7.4, 2.0)]
 )
-def test_moments_are_those_of_draws(sigma, place, spread):
+def test_moments_are_those_of_draws(sigma, mean_dn, spread):
     """20 000 pixels of 50 draws: a mean to sigma/1000, a variance to sqrt(2/10^6), patterns to sqrt(2/20 000)."""
     random = np.random.default_rng(1)
-    pixels = place + spread * random.standard_normal(20_000)
+    pixels = mean_dn + spread * random.standard_normal(20_000)
     drawn = np.round(pixels + sigma * random.standard_normal((50, 20_000)))
-    mean, variance, by_pixel = rounded(np.array([place]), np.array([sigma**2]), spread)
+    mean, variance, by_pixel = rounded(np.array([mean_dn]), np.array([sigma**2]), spread)
     assert mean[0] == pytest.approx(drawn.mean(), abs=5 * (0.001 + spread / 141))
     assert variance[0] == pytest.approx(drawn.var(0, ddof=1).mean(), abs=0.01 * (sigma**2 + 0.08))
-    seen = drawn.mean(0).var() - drawn.var(0, ddof=1).mean() / 50
-    assert spatial_variance(by_pixel) == pytest.approx(seen, rel=0.06, abs=1e-4)
+    expected = drawn.mean(0).var() - drawn.var(0, ddof=1).mean() / 50
+    assert spatial_variance(by_pixel) == pytest.approx(expected, rel=0.06, abs=1e-4)
 
 
-def test_what_rounding_adds_at_a_quarter_step_depends_on_the_place():
+def test_what_rounding_adds_at_a_quarter_step_depends_on_the_phase():
     added = rounded(np.linspace(0, 1, 101), np.full(101, 0.0625), 0.0)[1] - 0.0625
     assert added.min() == pytest.approx(-0.017, abs=0.001)
     assert added.max() == pytest.approx(0.188, abs=0.001)

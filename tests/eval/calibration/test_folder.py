@@ -79,15 +79,15 @@ MOSAICS = {
 }
 
 
-@pytest.mark.parametrize(("shares", "place", "noticed"), MOSAICS.values(), ids=MOSAICS)
-def test_a_mosaic_is_noticed(tmp_path, shares, place, noticed):
+@pytest.mark.parametrize(("shares", "site", "cfa"), MOSAICS.values(), ids=MOSAICS)
+def test_a_mosaic_is_detected(tmp_path, shares, site, cfa):
     files = Folder(mosaic(tmp_path / "frames", shares))
-    assert (files.site, files.cfa, files.size_px) == (place, noticed, (160, 128))
-    assert next(files.planes(files.flat[0])).shape == ((64, 80) if place else (128, 160))
+    assert (files.site, files.cfa, files.size_px) == (site, cfa, (160, 128))
+    assert next(files.planes(files.flat[0])).shape == ((64, 80) if site else (128, 160))
 
 
 def test_figures_of_a_mosaic_are_of_its_green_pixels(tmp_path):
-    """The signal of each plane is told; a stated mosaic counts, also that there is none."""
+    """The signal of each plane is in a note; a given mosaic counts, also "none"."""
     folder = mosaic(tmp_path / "frames", (0.5, 1.0, 1.0, 0.3))
     found = measure(folder, cfa="RGGB")
     (note,) = (note for note in found.notes if "colour filters" in note)
@@ -117,7 +117,7 @@ DOUBTED = {
 
 @pytest.mark.parametrize(("cfa", "why"), DOUBTED.values(), ids=DOUBTED)
 def test_greens_that_differ_are_doubted(tmp_path, cfa, why):
-    """Of R 0.5, G 1, B 0.3; red and blue cannot be told from each other."""
+    """Of R 0.5, G 1, B 0.3; red and blue look alike."""
     found = measure(mosaic(tmp_path / "frames", (0.5, 1.0, 1.0, 0.3)), cfa=cfa)
     assert [bool(re.search((why or "").replace(" %", "%"), doubt.text)) for doubt in found.doubts] == (
         [True] if why else []

@@ -22,7 +22,7 @@ def test_files_of_one_frame(tmp_path):
 
 
 def test_files_of_several_frames(tmp_path):
-    """Of unlike numbers, so that an exchange of pages, rows or columns is seen."""
+    """Of unlike numbers, so that an exchange of pages, rows or columns shows."""
     stack = np.random.default_rng(1).integers(0, 60_000, (3, 40, 50), dtype=np.uint16)
     cv2.imwritemulti(str(tmp_path / "a.tif"), [*stack])
     np.save(tmp_path / "a.npy", stack)

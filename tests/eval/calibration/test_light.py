@@ -38,8 +38,8 @@ def test_simulate_gives_the_measured_mean_of_a_grey_card(tmp_path, capsys, colum
     capsys.readouterr()
     at = ("--picture-tone", "linear", "--lux", 100, "--exposure-ms", 100, "--bit-depth", "native")
     files = (tmp_path / "card.png", "-o", tmp_path / "seen.png", "--camera", tmp_path / "mine.yaml")
-    seen = told(capsys, "simulate", *files, *at)
-    assert seen["mean_dn"] - 20 == pytest.approx(mean_dn - 20, rel=0.01)
+    facts = told(capsys, "simulate", *files, *at)
+    assert facts["mean_dn"] - 20 == pytest.approx(mean_dn - 20, rel=0.01)
 
 
 def test_of_a_known_lens_quantum_efficiency_follows():
@@ -77,10 +77,10 @@ def test_a_tuning_file_is_a_camera(tmp_path, capsys):
     capsys.readouterr()
     at = ("--picture-tone", "linear", "--lux", 1000, "--exposure-ms", 10, "--scene", tmp_path / "lit.yaml")
     files = (tmp_path / "chart.png", "-o", tmp_path / "seen.png", "--camera", tmp_path / "pi.yaml")
-    seen = told(capsys, "simulate", *files, *at)
-    assert seen["white_electrons_G"] * 0.22 == pytest.approx(200, rel=1e-3)
-    assert seen["white_electrons_R"] / seen["white_electrons_G"] == pytest.approx(0.6, rel=1e-3)
-    assert seen["white_electrons_B"] / seen["white_electrons_G"] == pytest.approx(0.6, rel=1e-3)
+    facts = told(capsys, "simulate", *files, *at)
+    assert facts["white_electrons_G"] * 0.22 == pytest.approx(200, rel=1e-3)
+    assert facts["white_electrons_R"] / facts["white_electrons_G"] == pytest.approx(0.6, rel=1e-3)
+    assert facts["white_electrons_B"] / facts["white_electrons_G"] == pytest.approx(0.6, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -107,8 +107,8 @@ def test_presets_are_what_their_tuning_files_say(name):
         assert preset.figure(figure) == pytest.approx(camera.figure(figure), rel=1e-3)
     assert np.abs(np.array(preset.isp.ccm) - np.array(camera.isp.ccm)).max() < 1e-4
     light = np.linspace(0, 1, 101)
-    of_file, held = (np.interp(light, *np.array(each.isp.tone).T) for each in (camera, preset))
-    assert np.abs(of_file - held).max() < 0.005
+    of_file, of_preset = (np.interp(light, *np.array(each.isp.tone).T) for each in (camera, preset))
+    assert np.abs(of_file - of_preset).max() < 0.005
 
 
 def test_modules_agree_with_each_other_and_with_who_measured_one():

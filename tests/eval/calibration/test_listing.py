@@ -95,15 +95,15 @@ def test_names_of_files_and_folders(tmp_path):
 
 
 def test_raw_files_in_a_folder_of_darks_and_beside_it(tmp_path):
-    """ISO 800 beside ISO 200 is 12.04 dB; what is not called dark is a frame of light."""
+    """ISO 800 relative to ISO 200 is 12.04 dB; what is not called dark is a frame of light."""
     pytest.importorskip("rawpy", reason="needs rawpy: pip install 'blurnoise[raw]'")
     plane = np.arange(64 * 96, dtype=np.uint16).reshape(64, 96)
     (tmp_path / "dark").mkdir()
     for name, exposure_s, iso in (("dark/IMG_2", 0.1, 200), ("IMG_1", 0.01, 800)):
         made_frames.write_dng(tmp_path / f"{name}.dng", plane, {34665: (4, {33434: exposure_s, 34855: iso})})
     found = list_frames(tmp_path)
-    seen = {(frame.kind, frame.exposure_s, frame.gain_db, frame.cfa) for frame in found.frames}
-    assert seen == {("dark", 0.1, 0.0, "RGGB"), ("flat", 0.01, 12.041, "RGGB")}
+    listed = {(frame.kind, frame.exposure_s, frame.gain_db, frame.cfa) for frame in found.frames}
+    assert listed == {("dark", 0.1, 0.0, "RGGB"), ("flat", 0.01, 12.041, "RGGB")}
     assert list(found.notes) == ["ISO 200, the lowest, is used as 0 dB of gain"]
 
 
@@ -114,5 +114,5 @@ def test_fits_files(tmp_path):
     with pytest.raises(ValueError, match=r"GAIN in the headers = 0, 120: .* add the column gain_db"):
         list_frames(tmp_path)
     (tmp_path / "frames.csv").write_text("file,gain_db\na.fits,0\nb.fits,12\n")
-    seen = [(frame.kind, frame.exposure_s, frame.gain_db) for frame in list_frames(tmp_path).frames]
-    assert seen == [("dark", 0.02, 0.0), ("flat", 0.02, 12.0)]
+    listed = [(frame.kind, frame.exposure_s, frame.gain_db) for frame in list_frames(tmp_path).frames]
+    assert listed == [("dark", 0.02, 0.0), ("flat", 0.02, 12.0)]

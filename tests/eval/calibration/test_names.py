@@ -104,8 +104,8 @@ def test_a_header_beside_a_name(tmp_path, cards, note, frame):
     fits(tmp_path, "flat_0,1s.fits", **cards)
     fits(tmp_path, "dark_1s.fits")
     found = list_frames(tmp_path)
-    seen = [(each.kind, each.exposure_s) for each in found.frames if each.file.name == "flat_0,1s.fits"]
-    assert seen == ([frame] if frame else [])
+    listed = [(each.kind, each.exposure_s) for each in found.frames if each.file.name == "flat_0,1s.fits"]
+    assert listed == ([frame] if frame else [])
     assert [text.startswith(note) for text in found.notes] == [True] if note else not found.notes
 
 

@@ -1,4 +1,4 @@
-"""Folders of frames that mislead a fit: told which file, line or header and why, or measured all the same."""
+"""Folders of frames that mislead a fit: refused by file, line or header with the reason, or measured."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -133,7 +133,7 @@ def test_columns_in_capitals(tmp_path):
 
 
 def test_read_noise_at_a_gain_is_net_of_its_own_rows(tmp_path):
-    """3 e- per pixel beside 1.5 e- per row; of 5 e- at the lowest gain rows are a third of that share."""
+    """3 e- per pixel and 1.5 e- per row; of 5 e- at the lowest gain rows are a third of that share."""
     write(tmp_path, Sensor(2, row_e=1.5), frames=4, gains={0: (GAIN, 5.0), 12: (2.0, 3.0)})
     read_e = measure(tmp_path).gains[12]["read_noise_e"]
     assert read_e.low <= 3 <= read_e.high
@@ -142,8 +142,8 @@ def test_read_noise_at_a_gain_is_net_of_its_own_rows(tmp_path):
 
 def test_a_gain_with_dark_frames_alone_is_named(tmp_path):
     lines = write(tmp_path, Sensor(3), gains={0: (GAIN, 5.0), 12: (2.0, 3.0)})
-    kept = [line for line in lines if not (",flat," in line and line.endswith(",12"))]
-    (tmp_path / "frames.csv").write_text("\n".join([f"{HEADER},gain_db", *kept]))
+    lines_left = [line for line in lines if not (",flat," in line and line.endswith(",12"))]
+    (tmp_path / "frames.csv").write_text("\n".join([f"{HEADER},gain_db", *lines_left]))
     found = measure(tmp_path)
     assert not found.gains
     assert "left out: the frames at 12 dB; dark levels and 3 flat levels are needed" in found.notes

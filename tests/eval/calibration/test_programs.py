@@ -72,7 +72,7 @@ def each(one, other):
     return lambda folder, kind, *rest: (one if kind == "dark" else other)(folder, kind, *rest)
 
 
-def beside(writer, name, **cards):
+def with_other_frame(writer, name, **cards):
     """Of one frame more, which is none."""
 
     def write(folder, kind, exposure_s, number, plane):
@@ -122,23 +122,25 @@ def repeated(plane):
 
 
 PROGRAMS = {
-    "N.I.N.A.": (beside(NINA, "LIGHT/a.fits", EXPTIME=30.0, IMAGETYP="LIGHT"), "left out: light frames (LIGHT)"),
+    "N.I.N.A.": (
+        with_other_frame(NINA, "LIGHT/a.fits", EXPTIME=30.0, IMAGETYP="LIGHT"), "left out: light frames (LIGHT)",
+    ),
     "SharpCap": (SHARPCAP, "GBRG in the header is RGGB from the file's first row on, by YBAYROFF"),
     "ASIAIR": (
-        beside(ASIAIR, "MasterFlat_Stack20_50.0ms_Bin1_gain100.fit"), "left out: averages or processed",
+        with_other_frame(ASIAIR, "MasterFlat_Stack20_50.0ms_Bin1_gain100.fit"), "left out: averages or processed",
     ),
     "SGPro": (SGPRO, None),
     "MaxIm DL": (
-        beside(MAXIM, "m.fit", EXPTIME=0.1, IMAGETYP="Flat Field", SNAPSHOT=20),
+        with_other_frame(MAXIM, "m.fit", EXPTIME=0.1, IMAGETYP="Flat Field", SNAPSHOT=20),
         "left out: averages or processed frames (SNAPSHOT = 20.0)",
     ),
     "Ekos": (EKOS, None),
     "Siril": (
-        beside(EKOS, "dark_stacked.fit", EXPTIME=0.1, STACKCNT=20),
+        with_other_frame(EKOS, "dark_stacked.fit", EXPTIME=0.1, STACKCNT=20),
         "left out: averages or processed frames (STACKCNT = 20.0)",
     ),
     "PixInsight": (
-        beside(EKOS, "masterDark_BIN-1_EXPOSURE-0.10s.fit", IMAGETYP="Master Dark"),
+        with_other_frame(EKOS, "masterDark_BIN-1_EXPOSURE-0.10s.fit", IMAGETYP="Master Dark"),
         "left out: averages or processed",
     ),
     "pylon": (picture(".png", times_16), "all numbers are multiples of 16"),

@@ -72,17 +72,17 @@ def save(folder, truth, seed):
 def wrong(found, truth):
     """Figures that are off by more than 3 % and outside their interval: truth, value and interval."""
     (_, gain, read_e, black_dn), *others = truth.gains
-    own = {"system_gain_dn_per_e": gain, "read_noise_e": read_e, "black_level_dn": black_dn}
-    pairs = [(name, value, found.estimates[name]) for name, value in (own | truth.terms).items()]
+    figures = {"system_gain_dn_per_e": gain, "read_noise_e": read_e, "black_level_dn": black_dn}
+    pairs = [(name, value, found.estimates[name]) for name, value in (figures | truth.terms).items()]
     for gain_db, *values in others:
         pairs += [
             (f"{name} {gain_db}", value, found.gains[gain_db][name])
-            for name, value in zip(own, values, strict=True)
+            for name, value in zip(figures, values, strict=True)
         ]
     return {
-        name: (true, told.value, told.low, told.high)
-        for name, true, told in pairs
-        if abs(told.value - true) > 0.03 * true and not told.low <= true <= told.high
+        name: (true, estimate.value, estimate.low, estimate.high)
+        for name, true, estimate in pairs
+        if abs(estimate.value - true) > 0.03 * true and not estimate.low <= true <= estimate.high
     }
 
 
@@ -95,8 +95,8 @@ def test_every_term_is_recovered(found):
     assert wrong(found, EVERY) == {}
     assert found.bend
     shares = np.linspace(0.1, 0.9, 9)
-    told = np.interp(shares, found.bend.shares, [point.value for point in found.bend.factors])
-    np.testing.assert_allclose(told, np.interp(shares, *np.transpose(EVERY.bend)), rtol=0.03)
+    measured = np.interp(shares, found.bend.shares, [point.value for point in found.bend.factors])
+    np.testing.assert_allclose(measured, np.interp(shares, *np.transpose(EVERY.bend)), rtol=0.03)
     assert not found.doubts
 
 

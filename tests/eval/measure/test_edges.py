@@ -98,7 +98,7 @@ def test_numbers_are_the_closed_forms(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_codings_agree_where_they_are_right(tmp_path, capsys):
-    """8 bits sRGB, its colour twin and 16 bits linear hold one edge; coded numbers taken as linear are told."""
+    """8 bits sRGB, its colour twin and 16 bits linear hold one edge; coded numbers taken as linear have a flag."""
     light = motion_blur(charts.slanted_edge(120, 120), [[3.0, 0.0]])
     coded = (255 * srgb_from_linear(light)).round().byte().numpy()[0, 0]
     write_picture(tmp_path / "grey.png", coded)

@@ -202,9 +202,9 @@ def test_green_pixels_of_a_mosaic_are_compared(tmp_path):
 def test_the_answer_follows_the_verdicts():
     """Relative differences of dim levels do not count; what differs is named, also in the dark."""
 
-    def level(name, kind, measure, apart, chance=1.0):
+    def level(name, kind, measure, apart, p_value=1.0):
         difference = Estimate(apart, apart - 0.01, apart + 0.01)
-        return MeasureComparison(measure, 1.0, 1.0, difference, chance, kind, name)
+        return MeasureComparison(measure, 1.0, 1.0, difference, p_value, kind, name)
 
     stacks = {name: FrameStack(np.full((2, 4, 4), dn)) for name, dn in (("dim", 50.0), ("bright", 2000.0))}
     pairs = [LevelPair(name, "flat", stack, stack) for name, stack in stacks.items()]

@@ -128,6 +128,7 @@ def suppress(
     order = np.argsort(-candidates.scores, kind="stable")
     if nms_iou is None or len(order) <= 1:
         return candidates[order[:max_detections]]
+    # Most candidates are weak: the strongest few give all the detections there may be in nearly every picture.
     most = 4 * max_detections
     while True:
         kept = _suppressed(candidates[order[:most]], nms_iou, per_class or max_detections)[:max_detections]
