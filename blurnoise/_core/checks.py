@@ -162,7 +162,12 @@ def integer(name: str, value: int, low: int, high: int) -> int:
 
 
 def picture_size(name: str, value: object) -> tuple[int, int]:
-    """Return (height, width). Raises ``ValueError`` unless they are two integers from 1 to 2^20."""
+    """Return (height, width). Raises ``ValueError`` unless they are two integers from 1 to 2^20.
+
+    >>> picture_size("size", (48, 0))
+    Traceback (most recent call last):
+    ValueError: size = (48, 0): must be (height, width), two integers from 1 to 1048576
+    """
     try:
         height, width = (integer(name, side, 1, 1 << 20) for side in cast(tuple[int, int], value))
     except (TypeError, ValueError):
@@ -215,7 +220,12 @@ def known(what: str, name: object, names: Collection[str]) -> None:
 
 
 def image_batch(name: str, value: Tensor, shape: str = "(B, C, H, W)") -> Tensor:
-    """``value``, float32 or float64 of this shape without NaN or infinity. Raises ``TypeError`` or ``ValueError``."""
+    """``value``, float32 or float64 of this shape without NaN or infinity. Raises ``TypeError`` or ``ValueError``.
+
+    >>> image_batch("image", torch.zeros(3, 4, 4))
+    Traceback (most recent call last):
+    ValueError: image: shape must be (B, C, H, W), none of them 0, got (3, 4, 4)
+    """
     return finite(name, batch_shaped(name, value, shape))
 
 
@@ -248,6 +258,9 @@ def limited_per_image(name: str, value: Numbers, batch: int, like: Tensor) -> Te
     """``value``, one number or one per image within the limit of its name, as a tensor (batch,) of ``like``'s kind.
 
     Gradients pass. Raises ``TypeError``, and ``ValueError`` outside the limit or for neither 1 nor ``batch`` numbers.
+
+    >>> limited_per_image("gain_db", [0.0, 6.0], 2, torch.zeros(1))
+    tensor([0., 6.])
     """
     if isinstance(value, (int, float)):  # the common case, without a tensor operation per check
         return torch.full((batch,), limited(name, value), dtype=like.dtype, device=like.device)
@@ -368,6 +381,14 @@ def check_fields(record: Any, but: frozenset[str] = frozenset()) -> None:
 
     Types are strict, numbers finite. but: fields that are left as they are. Raises ``TypeError`` or ``ValueError`` of
     one line.
+
+    >>> from dataclasses import dataclass
+    >>> @dataclass
+    ... class Record:
+    ...     share: Annotated[float, Interval(ge=0, le=1)]
+    >>> check_fields(Record(2.0))
+    Traceback (most recent call last):
+    blurnoise._core.checks.OutOfRange: share = 2.0: must be finite and >= 0 and <= 1
     """
     given = {entry.name: getattr(record, entry.name) for entry in fields(record) if entry.name not in but}
     kind: Any = type(record)
