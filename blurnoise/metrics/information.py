@@ -150,7 +150,15 @@ def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
 
 
 def neq_0(edge: SlantedEdge) -> Estimate:
-    """Noise-equivalent quanta of the bright side at frequency 0: its squared signal-to-noise ratio."""
+    """Noise-equivalent quanta of the bright side at frequency 0: its squared signal-to-noise ratio.
+
+    >>> from blurnoise import charts, slanted_edge
+    >>> noise = 10 * torch.randn(1, 60, 60, generator=torch.Generator().manual_seed(0))
+    >>> edge = slanted_edge(1000 * charts.slanted_edge(60, 60)[0] + noise, full_scale=2000.0, bootstrap=50)
+    >>> quanta = neq_0(edge)  # of the bright side, (800 / 10)^2
+    >>> quanta.low < 6400 < quanta.high
+    True
+    """
     checks.an_instance("edge", edge, SlantedEdge)
     if math.isnan(edge.bright) or edge.resamples is None:
         return Estimate(math.nan, flags=_flags(edge))
