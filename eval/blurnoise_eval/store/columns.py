@@ -249,6 +249,10 @@ def _column(name: str, kind: Any, *about: str) -> TableColumn:
     """about: the condition on values, which tables that are no part of a run's file lack, and the meaning."""
     holds = about[0] if len(about) > 1 else ""
     plain = [each for each in (get_args(kind) or (kind,)) if each is not type(None)]
+    if kind is WithInterval:
+        return TableColumn(
+            name, "REAL", holds, f"{about[-1]}; with `_low` and `_high` the ends of its 95 % interval"
+        )
     optional = type(None) in get_args(kind)
     return TableColumn(name, _KINDS.get(plain[0], ""), or_none(holds) if optional else holds, about[-1])
 
@@ -262,7 +266,7 @@ def _of_axis(name: str) -> TableColumn:
             name, "INTEGER", FLAG, "whether this is the original picture; it has no value on any axis"
         )
     axis = AXES[_INDEX[name]]
-    return TableColumn(name, "REAL", _on(axis), axis.about)
+    return TableColumn(name, "REAL", _on(axis), axis.title)
 
 
 def _on(axis: Axis) -> str:

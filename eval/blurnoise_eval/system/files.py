@@ -12,7 +12,6 @@ from typing import Any
 
 from blurnoise._core.files import check_regular
 from blurnoise._core.writing import (
-    check_own_folder,
     check_replaceable,
     check_writable,
     check_writable_folder,
@@ -25,7 +24,7 @@ from blurnoise._core.writing import (
 from blurnoise_eval.system.tables import csv_lines
 
 __all__ = [
-    "check_own_folder", "check_regular", "check_replaceable", "check_writable", "check_writable_folder",
+    "check_regular", "check_replaceable", "check_writable", "check_writable_folder",
     "note_inputs", "remove", "write_whole", "writing", "written_whole",
 ]  # fmt: skip
 
