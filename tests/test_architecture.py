@@ -174,9 +174,6 @@ NAMED_TWICE: dict[str, set[str]] = {
     # a door for another library
     "RandomExposure": {"blurnoise.albumentations", "blurnoise.training.augmentation"},
     "Axis": {"blurnoise.blur.fourier", "blurnoise_eval.plan.axes"},
-    "Curve": {"blurnoise.camera.spectra", "blurnoise_eval.calibration.fit"},
-    "Distortion": {"blurnoise.camera.lens", "blurnoise.light.lens"},
-    "Draws": {"blurnoise.metrics.information", "blurnoise_models.scenes.paint"},
     "Scene": {"blurnoise.scene.scene", "blurnoise_models.scenes.compose"},
 }
 """Names that stand for several classes all the same, and where; no further ones."""

@@ -35,7 +35,7 @@ def extended(image: Tensor, before: tuple[int, int], spans: tuple[int, int], bor
     if (height, width) == tuple(image.shape[-2:]):
         return image
     after = (height - image.shape[-2] - before[0], width - image.shape[-1] - before[1])
-    if plain(image):
+    if plain(image):  # OpenCV copies several times faster than torch indexes
         out = image.new_empty(*image.shape[:2], height, width)
         for plane, target in zip(image.flatten(0, 1), out.flatten(0, 1), strict=True):
             continued(plane.numpy(), target.numpy(), before, border)
@@ -43,8 +43,8 @@ def extended(image: Tensor, before: tuple[int, int], spans: tuple[int, int], bor
     if border == "constant":
         return torch.nn.functional.pad(image, (before[1], after[1], before[0], after[0]))
     for dim, first, span in ((-2, before[0], height), (-1, before[1], width)):
-        places = torch.arange(-first, span - first, device=image.device)
-        image = image.index_select(dim, folded(places, image.shape[dim], border))
+        indices = torch.arange(-first, span - first, device=image.device)
+        image = image.index_select(dim, folded(indices, image.shape[dim], border))
     return image
 
 
@@ -55,17 +55,18 @@ def continued(plane: NDArray[Any], into: NDArray[Any], before: tuple[int, int], 
     cv2.copyMakeBorder(plane, before[0], after[0], before[1], after[1], OPENCV[border], dst=into, value=0)
 
 
-def folded(places: Tensor, size: int, border: Border) -> Tensor:
-    """The pixels of ``size`` along an axis that a border shows at ``places``, beyond them too; not "constant".
+def folded(indices: Tensor, size: int, border: Border) -> Tensor:
+    """Indices along an axis of ``size`` pixels that a border shows at ``indices``, any integers; not "constant".
 
     >>> folded(torch.arange(-2, 5), 3, "circular")
     tensor([1, 2, 0, 1, 2, 0, 1])
     """
     if border == "replicate" or size == 1:
-        return places.clamp(0, size - 1)
+        return indices.clamp(0, size - 1)
     if border == "circular":
-        return places % size
-    inside = places % (2 * size - 2)
+        return indices % size
+    # Reflection repeats after there and back, without the outermost pixels twice.
+    inside = indices % (2 * size - 2)
     return torch.minimum(inside, 2 * size - 2 - inside)
 
 

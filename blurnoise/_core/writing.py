@@ -26,11 +26,11 @@ from pathlib import Path
 
 MANIFEST = ".blurnoise"
 """The list of what was written to a folder. Its names are those of files in that folder, none below or elsewhere."""
-_LINE = b'{"wrote": '  # as each begins: a file of that name that does not begin so is somebody else's
+_LINE = b'{"wrote": '  # begin of every line; a file of that name without it is the user's
 _LARGEST_MANIFEST, _AT_ONCE = 16 << 20, 1 << 20  # bytes
 _PARTIAL = re.compile(r"\.blurnoise-([0-9a-f]{8})-(\d+)-([0-9a-f]{8})-[0-9a-f]{32}\.partial")
 _TEXTS = ".csv", ".html", ".json", ".yaml", ".yml"
-_SOMEBODYS = errno.EACCES, errno.EPERM, errno.EISDIR, errno.ELOOP, errno.ENXIO
+_NOT_OURS = errno.EACCES, errno.EPERM, errno.EISDIR, errno.ELOOP, errno.ENXIO
 _STREAMS = stat.S_IFCHR, stat.S_IFIFO
 Known = tuple[int, int]
 
@@ -75,7 +75,7 @@ _WRITING: ContextVar[Writing | None] = ContextVar("writing", default=None)
 
 @contextmanager
 def writing(*, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Iterator[Writing]:
-    """What is written inside is written by one command, or within one. inputs: files that are never replaced."""
+    """Group writes as one command; calls may nest. inputs: files that are never replaced."""
     outer = _WRITING.get()
     own = Writing(overwrite) if outer is None else outer
     before, own.overwrite = own.overwrite, own.overwrite or overwrite
@@ -89,7 +89,7 @@ def writing(*, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Iterator
 
 
 def note_inputs(paths: Iterable[Path]) -> None:
-    """The command reads these files. They are looked at, if ever, before a file is replaced."""
+    """Register files that the command reads. They are examined only when a file is about to be replaced."""
     if (own := _WRITING.get()) is not None:
         own.inputs.append(paths)
 
@@ -111,11 +111,11 @@ def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """A path beside ``path`` to write a file or folder to, which takes its place once it is on disk.
+    """A temporary path beside ``path``; what is written there replaces ``path`` once it is on disk.
 
-    A former file stays until then, and where :func:`check_replaceable` refuses it; a folder takes the place of an
-    empty one only. What is a device or a pipe is written to. Where anything fails nothing is left behind. Several
-    writers of one path do not disturb each other: the last one's content stays. Raises ``OSError`` that names
+    A former file stays until then, or if :func:`check_replaceable` refuses to replace it; a folder replaces an empty
+    one only. Devices and pipes are written to. If anything fails, nothing is left behind. Several writers of one path
+    do not disturb each other: the last content stays. Raises ``OSError`` that names
     ``path``.
     """
     target = Path(os.path.realpath(path)) if path.is_dir() else check_replaceable(path)
@@ -126,8 +126,8 @@ def written_whole(path: Path) -> Iterator[Path]:
             if target is None:
                 _write_to(path, unfinished)
                 return
-            for place in (*unfinished.rglob("*"), unfinished):
-                _sync(place)
+            for part in (*unfinished.rglob("*"), unfinished):
+                _sync(part)
             if not unfinished.is_dir():
                 _note(path, target, unfinished)
             unfinished.replace(target)
@@ -221,7 +221,7 @@ def remove_made(own: Writing, since: int) -> None:
 
 
 def _home(path: Path, own: Writing) -> Path:
-    """The file that links lead to, in a folder without leftovers."""
+    """The file that links lead to; leftovers in its folder are removed."""
     target = Path(os.path.realpath(path))
     if _WRITING.get() is not None:
         own.sweep(target.parent)
@@ -229,7 +229,7 @@ def _home(path: Path, own: Writing) -> Path:
 
 
 def _standard(found: os.stat_result) -> int | None:
-    """The descriptor of standard output or error that goes to this file, as ``/dev/stdout > FILE`` does."""
+    """The descriptor of standard output or error if it is redirected to this file."""
     for handle in (1, 2):
         with suppress(OSError):
             if os.path.samestat(found, os.fstat(handle)):
@@ -248,8 +248,8 @@ def _write_to(path: Path, unfinished: Path) -> None:
 
 
 def _note(path: Path, target: Path, unfinished: Path) -> None:
-    """Write to the folder's list what is about to take its place there, or raise for what may not be replaced."""
-    check_replaceable(path, unfinished)  # again: it may have come meanwhile
+    """Add the new file to the folder's list, before it replaces the former; raise if it must not."""
+    check_replaceable(path, unfinished)  # again: the file may have appeared meanwhile
     size = unfinished.stat().st_size
     content = size, _digest(unfinished, size)
     if not target.exists():
@@ -263,19 +263,19 @@ def _note(path: Path, target: Path, unfinished: Path) -> None:
             if os.read(handle, len(_LINE)) in (b"", _LINE):
                 os.write(handle, f"{line}\n".encode())
     except OSError as error:
-        if error.errno not in _SOMEBODYS:
+        if error.errno not in _NOT_OURS:  # without a list, the file counts as the user's: that is safe
             raise
 
 
 def _is_written(target: Path) -> bool:
-    """Whether the file has any content that was written there: a writer may be ended between list and file."""
+    """Whether the file has any content on the list, which may be ahead: a writer may end between list and file."""
     held = _lines(target.parent / MANIFEST).get(target.name, set())
     size = target.stat().st_size
     return size in {each for each, _ in held} and (size, _digest(target, size)) in held
 
 
 def _lines(manifest: Path) -> dict[str, set[tuple[int, str]]]:
-    """Sizes and hashes of what a list says was written, by name; rubbish says nothing."""
+    """Sizes and hashes of the written files in a list, by name; invalid lines are skipped."""
     found: dict[str, set[tuple[int, str]]] = {}
     with suppress(OSError), _opened(manifest, os.O_RDONLY) as handle, os.fdopen(os.dup(handle), "rb") as file:
         if file.read(len(_LINE)) != _LINE:
@@ -290,7 +290,7 @@ def _lines(manifest: Path) -> dict[str, set[tuple[int, str]]]:
 
 @contextmanager
 def _opened(manifest: Path, how: int) -> Iterator[int]:
-    """A regular file, never what a link leads to, nor a pipe that is waited for."""
+    """Open a regular file, without following links or waiting for pipes."""
     for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_APPEND", "O_CLOEXEC", "O_BINARY"):
         how |= getattr(os, flag, 0)
     handle = os.open(manifest, how, 0o666)
@@ -303,7 +303,7 @@ def _opened(manifest: Path, how: int) -> Iterator[int]:
 
 
 def _digest(path: Path, size: int) -> str:
-    """A hash of the content, if it is as long as it was."""
+    """A hash of the content; "" if its size has changed."""
     digest, left = hashlib.blake2b(digest_size=16), size
     with path.open("rb") as file:
         while data := file.read(min(_AT_ONCE, left + 1)):
@@ -315,7 +315,7 @@ def _digest(path: Path, size: int) -> str:
 
 
 def _will_be_text(path: Path, new: Path | None, target: Path) -> bool:
-    """Of what is to be written; before it is, of what the suffix promises, if that is known."""
+    """Whether the new content is text; before it exists, whether the suffix says so."""
     if new is not None:
         return _is_text(new)
     return path.suffix.lower() in _TEXTS or _is_text(target)
@@ -332,7 +332,7 @@ def _naming(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         if error.filename not in (None, str(path)) and not _PARTIAL.fullmatch(Path(error.filename).name):
-            raise  # of another file, such as one that a piece of this one is read from
+            raise  # names another file, such as one that the data are read from
         why = error.strerror or str(error)
         if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) and "; " not in why:
             why += "; choose a folder that you can write to"
@@ -348,14 +348,14 @@ def _probe(folder: Path) -> None:
 
 
 def _beside(path: Path) -> Path:
-    """A name beside a path that says whose it is: the machine, the process and when it began."""
+    """A temporary name beside a path, with machine, process and the start of the process: its owner."""
     start = _start(os.getpid()) or "0" * 8
     return path.with_name(f".blurnoise-{_host()}-{os.getpid()}-{start}-{uuid.uuid4().hex}.partial")
 
 
 @cache
 def _host() -> str:
-    """The machine, and in a container its processes: their numbers mean nothing elsewhere."""
+    """The machine and its process namespace (of a container), in which process numbers are valid."""
     space = ""
     with suppress(OSError):
         space = str(Path("/proc/self/ns/pid").readlink())
@@ -363,7 +363,7 @@ def _host() -> str:
 
 
 def _start(process: int) -> str | None:
-    """When a process began; None where there is none, "" where this system does not say."""
+    """When a process began; None if there is no such process, "" if this system cannot tell."""
     try:
         facts = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()
         boot = Path("/proc/sys/kernel/random/boot_id").read_text()
@@ -376,18 +376,18 @@ def _short(text: str) -> str:
     return hashlib.blake2b(text.encode(errors="replace"), digest_size=4).hexdigest()
 
 
-def _delete(place: Path) -> None:
+def _delete(path: Path) -> None:
     with suppress(OSError):
-        shutil.rmtree(place) if place.is_dir() and not place.is_symlink() else place.unlink()
+        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
 
 
-def _sync(place: Path) -> None:
+def _sync(path: Path) -> None:
     """Write a file's content to disk, or a folder's names where its file system can do so."""
-    handle = os.open(place, os.O_RDONLY)
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     except OSError:
-        if not place.is_dir():
+        if not path.is_dir():  # many file systems cannot sync a folder
             raise
     finally:
         os.close(handle)

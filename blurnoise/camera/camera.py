@@ -39,12 +39,13 @@ class Camera:
         colour.check_balance(self.sensor.cfa, self.isp.white_balance, self.isp.ccm)
         for name in sorted(self.sources.keys() - {*KEYS}):
             known("sources: field", name, KEYS)
-        _ = self.optics  # whose figures have limits of their own
+        _ = self.optics  # checks the blur in pixels, which lens and pitch give together
         if self.lens.displaces:
-            farthest_px(self.field)
+            farthest_px(self.field)  # raises unless the distortion is one to one on this sensor
 
     def __hash__(self) -> int:
         """Hash of the figures in which cameras mostly differ: caches look cameras up several times a frame."""
+        # Not of all figures: hashing curves takes longer than a rare comparison of cameras that differ elsewhere.
         lens = self.lens
         light = self.name, lens.f_number, lens.defocus_radius_px, lens.diffraction_wavelength_um
         return hash((*light, self.sensor))

@@ -19,6 +19,9 @@ class Capture:
     exposure_ratio: T_1 / T_k. sensitivity: electrons per light and time, relative to the camera (split pixels).
     gain_db: analogue, see :meth:`Camera.at_gain`. start_s: from the start of the first capture; None: at the end of
     the previous one. Raises ``TypeError`` or ``ValueError``.
+
+    >>> Capture(exposure_ratio=16)
+    Capture(exposure_ratio=16.0, sensitivity=1.0, gain_db=0.0, start_s=None)
     """
 
     exposure_ratio: Annotated[Figure, within("exposure_ratio")] = 1.0

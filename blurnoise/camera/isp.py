@@ -23,6 +23,9 @@ class Isp:
     jpeg_quality: of the compressed picture; None: not compressed.
 
     Raises ``ValueError`` or ``TypeError`` naming the field.
+
+    >>> Isp(white_balance=(2.0, 1.0, 1.5), jpeg_quality=90).tone
+    'srgb'
     """
 
     white_balance: Annotated[WhiteBalance, "must be 'auto' or three gains from 0.01 to 100"] = "auto"

@@ -349,7 +349,12 @@ def light(field: Field, size: Size) -> Floats:
 
 @lru_cache(maxsize=256)
 def least_light(field: Field) -> float:
-    """The least relative illumination in a picture of the sensor's size."""
+    """The least relative illumination in a picture of the sensor's size.
+
+    >>> falloff = RelativeIllumination((0.0, 1.0), (1.0, 0.6))
+    >>> round(least_light(Field(640, 480, 90.0, relative_illumination=falloff)), 2)
+    0.6
+    """
     height, width = field.size
     step = max(1, min(height, width) // 256)
     return float(light(field, (max(1, height // step), max(1, width // step))).min())
@@ -380,5 +385,9 @@ def larger(field: Field, share: float, size: Size) -> Floats:
 
 
 def pixels(size: Size) -> Floats:
-    """The pixels' centres (2, H, W)."""
+    """The pixels' centres (2, H, W).
+
+    >>> pixels((1, 3)).tolist()
+    [[[0.0, 1.0, 2.0]], [[0.0, 0.0, 0.0]]]
+    """
     return np.stack(np.meshgrid(np.arange(float(size[1])), np.arange(float(size[0]))))

@@ -156,7 +156,12 @@ def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") ->
 
 @lru_cache(maxsize=64)
 def weights(camera: Camera, illuminant: str | Curve = "D55") -> tuple[Row, ...]:
-    """Weights of red, green and blue of linear sRGB in a plane: for each of the four sites, or for all pixels."""
+    """Weights of red, green and blue of linear sRGB in a plane: for each of the four sites, or for all pixels.
+
+    >>> (of_all,) = weights(Camera.preset("imx250m"))  # one plane, no mosaic
+    >>> [round(weight, 2) for weight in of_all]
+    [0.5, 0.42, 0.08]
+    """
     if camera.sensor.cfa == "mono":
         return (colour_shares(camera, illuminant),)
     electrons = filter_electrons(camera, illuminant)

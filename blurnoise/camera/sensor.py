@@ -177,6 +177,7 @@ class Sensor:
         """Digital number from which a pixel counts as saturated: full scale, or a lower full well less 3 sigma."""
         if self.clip_dn == self.full_scale_dn:
             return self.clip_dn
+        # Where the well clips, noise that arises after it spreads saturated pixels below the well's level.
         noise_e = 3 * math.hypot(self.dark_noise_e, self.dsnu_total_e)
         least_e = max(self.full_well_e - noise_e, self.full_well_e / 2)
         return float(math.floor(least_e * self.system_gain_dn_per_e + self.black_level_dn))
@@ -261,13 +262,14 @@ class Sensor:
         """
         if analogue_db == 0:
             return self
-        own = self.at_0_db
+        at_0_db = self.at_0_db
         base = ConversionGain(0.0, self.full_well_e, self.read_noise_e, self.read_noise_post_share)
         switched = [row for row in (base, *self.conversion_gains) if row.from_db <= analogue_db][-1]
-        found = gain.by_law(own, switched, analogue_db)
+        found = gain.by_law(at_0_db, switched, analogue_db)
         if self.gains:
-            found = gain.measured(own, self.gains, analogue_db)
-        quieter = found.read_noise_e / own.read_noise_e if own.read_noise_e else 1.0
+            found = gain.measured(at_0_db, self.gains, analogue_db)
+        # Rows and columns are read through the same amplifier as the pixels, so their noise follows read noise.
+        quieter = found.read_noise_e / at_0_db.read_noise_e if at_0_db.read_noise_e else 1.0
         amplified = replace(
             self,
             system_gain_dn_per_e=found.system_gain_dn_per_e,
@@ -281,7 +283,7 @@ class Sensor:
             conversion_gains=(),
             gains=(replace(found, gain_db=0.0),) if self.gains else (),
         )
-        if self.photon_transfer:  # the bend is the pixel's: it stays with the charge
+        if self.photon_transfer:  # the bend is the pixel's, so it stays at the same charge
             more = self.saturation_e / amplified.saturation_e
             inside = [(share * more, factor) for share, factor in self.photon_transfer if share * more < 1]
             last = (1.0, self.variance_factor(amplified.saturation_e))

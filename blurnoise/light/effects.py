@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 
 import torch
@@ -35,7 +35,7 @@ def scene_at(
 
     Returns ``light`` itself if no effect changes it.
     """
-    return _applied(light, at, border, lambda effect: effect.of_scene)
+    return _applied(light, at, border, [effect for effect in EFFECTS if effect.of_scene])
 
 
 def through(
@@ -49,16 +49,17 @@ def through(
 
     Adjacent blurs share a transform. Returns ``light`` itself if no effect changes it.
     """
-    light, _ = _applied(light, at, border, lambda effect: not effect.of_scene and effect.name not in without)
+    some = [effect for effect in EFFECTS if not effect.of_scene and effect.name not in without]
+    light, _ = _applied(light, at, border, some)
     return light
 
 
 def _applied(
-    light: Tensor, at: Resolved[Tensor], border: Border, wanted: Callable[[LightEffect], bool]
+    light: Tensor, at: Resolved[Tensor], border: Border, some: Sequence[LightEffect]
 ) -> tuple[Tensor, Resolved[Tensor]]:
     waiting = Blur()  # of the transfer functions since the last effect that is none
-    for effect in EFFECTS:
-        if not wanted(effect) or not effect.acts(at):
+    for effect in some:
+        if not effect.acts(at):
             continue
         blur = effect.blur(at)
         joined = None if blur is None else _joined(waiting, blur)

@@ -56,7 +56,7 @@ class _ByTransferFunction(LightEffect):
         return self.optics(at.camera)
 
 
-class Distortion(_OverTheField):
+class LensDistortion(_OverTheField):
     """Distortion by OpenCV's models; boxes follow."""
 
     name = "distortion"
@@ -237,5 +237,5 @@ def _radii_px(field: Field, defocus_px: float, size: Size) -> Floats:
     return np.asarray(abs(defocus_px + field.field_curvature_px * field.heights(size) ** 2))
 
 
-DISTORTION, LATERAL_COLOUR, VIGNETTING = Distortion(), LateralColour(), Vignetting()
+DISTORTION, LATERAL_COLOUR, VIGNETTING = LensDistortion(), LateralColour(), Vignetting()
 DEFOCUS, DIFFRACTION, MEASURED_MTF = Defocus(), Diffraction(), MeasuredMtf()

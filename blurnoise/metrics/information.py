@@ -127,7 +127,7 @@ def square_integral(frequency_x: Tensor, frequency_y: Tensor, density: Tensor) -
 def capacity_radial(edge: SlantedEdge) -> Estimate:
     """:func:`shannon_capacity_radial` of an edge, bits/px; exact for isotropic blur."""
 
-    def bits(at: _Draws) -> Tensor:
+    def bits(at: _EdgeDraws) -> Tensor:
         power = at.power.clamp_min(0)
         return shannon_capacity_radial(
             edge.frequencies, power=power, signal_pp=at.step, noise_variance=at.noise
@@ -142,7 +142,7 @@ def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
     Motion along an axis, square pixels and Gaussian spread are separable, defocus is not.
     """
 
-    def bits(at: _Draws) -> Tensor:
+    def bits(at: _EdgeDraws) -> Tensor:
         power = at.power.clamp_min(0)
         return shannon_capacity_square(_GRID, _GRID, power=power, signal_pp=at.step, noise_variance=at.noise)
 
@@ -150,7 +150,15 @@ def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
 
 
 def neq_0(edge: SlantedEdge) -> Estimate:
-    """Noise-equivalent quanta of the bright side at frequency 0: its squared signal-to-noise ratio."""
+    """Noise-equivalent quanta of the bright side at frequency 0: its squared signal-to-noise ratio.
+
+    >>> from blurnoise import charts, slanted_edge
+    >>> noise = 10 * torch.randn(1, 60, 60, generator=torch.Generator().manual_seed(0))
+    >>> edge = slanted_edge(1000 * charts.slanted_edge(60, 60)[0] + noise, full_scale=2000.0, bootstrap=50)
+    >>> quanta = neq_0(edge)  # of the bright side, (800 / 10)^2
+    >>> quanta.low < 6400 < quanta.high
+    True
+    """
     checks.an_instance("edge", edge, SlantedEdge)
     if math.isnan(edge.bright) or edge.resamples is None:
         return Estimate(math.nan, flags=_flags(edge))
@@ -164,7 +172,7 @@ def neq_0(edge: SlantedEdge) -> Estimate:
 def neq_integral(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
     """:func:`neq` of the bright side, integrated over the square of frequencies, quanta per pixel."""
 
-    def quanta(at: _Draws) -> Tensor:
+    def quanta(at: _EdgeDraws) -> Tensor:
         density = neq(at.power, mean_signal=at.bright, noise_power_spectrum=at.noise_bright)
         return square_integral(_GRID, _GRID, density)
 
@@ -178,14 +186,14 @@ def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) ->
     target[:side_px, :side_px] = 1
     grid = torch.fft.fftfreq(_CANVAS_PX, dtype=torch.float64)
 
-    def ratio(at: _Draws) -> Tensor:
+    def ratio(at: _EdgeDraws) -> Tensor:
         snr = ideal_observer_snr(target, power=at.power, noise_power_spectrum=1.0)
         return snr * (at.step / at.noise.sqrt()).flatten()
 
     return _estimate(ratio, grid, across_x=across_x, across_y=across_y)
 
 
-class _Draws(NamedTuple):
+class _EdgeDraws(NamedTuple):
     """n draws of one edge, power (n, F), or of two on a grid, (n, K, K), and their mean levels beside it."""
 
     power: Tensor
@@ -197,7 +205,7 @@ class _Draws(NamedTuple):
 
 def _draws(
     edges: list[SlantedEdge], sources: Sequence[SlantedEdge | Resamples], grid: Tensor | None
-) -> _Draws:
+) -> _EdgeDraws:
     """The sources' numbers; the sources are the edges themselves, one draw, or their resamples."""
     curves, levels = [], []
     for edge, source in zip(edges, sources, strict=True):
@@ -210,7 +218,7 @@ def _draws(
     power = curves[0] if grid is None else _separable(*curves)
     beside_power = (4, -1, *[1] * (power.ndim - 1))
     dark, bright, noise_dark, noise_bright = torch.stack(levels).mean(0).view(beside_power)
-    return _Draws(power, bright - dark, (noise_dark + noise_bright) / 2, bright, noise_bright)
+    return _EdgeDraws(power, bright - dark, (noise_dark + noise_bright) / 2, bright, noise_bright)
 
 
 def _at(frequency: Tensor, power: Tensor, wanted: Tensor) -> Tensor:
@@ -227,7 +235,7 @@ def _separable(power_x: Tensor, power_y: Tensor) -> Tensor:
     return torch.where((x < 0) & (y < 0), -x * y, x * y)
 
 
-def _estimate(number: Callable[[_Draws], Tensor], grid: Tensor | None, **named: SlantedEdge) -> Estimate:
+def _estimate(number: Callable[[_EdgeDraws], Tensor], grid: Tensor | None, **named: SlantedEdge) -> Estimate:
     for name, edge in named.items():
         checks.an_instance(name, edge, SlantedEdge)
     edges = list(named.values())

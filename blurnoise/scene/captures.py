@@ -40,7 +40,9 @@ def captures_of_exposure(
     temperature_c = limited_per_image("temperature_c", exposure.temperature_c, batch, light)
     velocity = velocities(_background_velocity(scene, exposure), light)
     paths, lamps = per_picture(exposure.trajectory, batch), lamp_per_picture(exposure.lamp, batch)
-    seeds = rng.item_seeds(exposure.seed, batch)
+    seeds = list(exposure.seed) if exposure.batched else [exposure.seed]
+    if len(seeds) != batch:
+        raise ValueError(f"seed: got {len(seeds)} for a batch of {batch}; must be one for each picture")
     of_scene: dict[str, Any] = {"objects": _layers(scene, exposure, batch), "lamps": lamps}
     if lamps and scene.lamp_mask is not None:
         of_scene["lamp_mask"] = scene.lamp_mask.expand(batch, -1, -1)

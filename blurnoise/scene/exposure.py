@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Generic, Literal, get_args
 
 import torch
@@ -132,7 +133,7 @@ class Exposure(Generic[Number]):
         """Whether the camera's vehicle drives or turns."""
         return isinstance(self.ego_speed_m_s, Tensor) or bool(self.ego_speed_m_s) or self.vehicle.turns
 
-    @property
+    @cached_property
     def amplified(self) -> Amplified:
         """The camera at the analogue gain, that of its captures included, and the remaining digital gain."""
         if isinstance(self.gain_db, AutoExposure):

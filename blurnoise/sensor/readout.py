@@ -102,12 +102,35 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
     if not with_gradients:  # threads below would else start with gradients on
         scene, white_e, dark_e = scene.detach(), white_e.detach(), dark_e.detach()
     active = stages.active(camera, options.without, noisy=options.noise)
-    law = _law(camera, options, with_gradients, active)
-    means = white_e[:, None, None, None], dark_e[:, None, None, None]
-    if with_gradients or not (fused.supports(active) and options.quantised and plain(scene)):
-        drawn = _drawn(scene, camera, means, law, options, active)
+    law, known = _law(camera, options, with_gradients, active), fused.supports(active)
+    shared = [stage for stage in stages.SHARED_NOISES if stage in active]
+    pattern = [None if plane is None else plane.to(scene) for plane in options.fixed_pattern or (None, None)]
+
+    def drawn(frames: slice, means: slice) -> ReadoutFields:
+        """Fields of some frames (B, C, H, W): the fixed pattern, and the noise that law and stages ask for."""
+        light, seeds = scene[frames], options.seeds[frames]
+        gain, offset_e = (None if plane is None else plane.expand(light.shape) for plane in pattern)
+        fields = ReadoutFields(
+            camera,
+            law,
+            white_e[means, None, None, None],
+            dark_e[means, None, None, None],
+            seeds,
+            options.quantised,
+            gain=gain,
+            offset_e=offset_e,
+        )
+        noise: dict[str, Any] = {"shared": {stage.name: stage.drawn(light, seeds) for stage in shared}}
+        if law in ("merged", "apart", "counts"):
+            noise["normal"] = options.draw(seeds, light, "frame")
+        if _draws_read_noise(fields, light, known):
+            noise["read"] = options.draw(seeds, light, "read")
+        return replace(fields, **noise)
+
+    if with_gradients or not (known and options.quantised and plain(scene)):
+        every = slice(None)
         in_pieces = plain(scene) and not with_gradients
-        dn = (_in_pieces if in_pieces else _through)(active, scene, drawn)
+        dn = (_in_pieces if in_pieces else _through)(active, scene, drawn(every, every))
         found = dn if options.tones is None else look_up(options.tones, dn)
         return found if with_gradients or options.out is None else options.out.copy_(found)
 
@@ -117,43 +140,14 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
     written, threads = out, threads_for(out)
 
     def expose(frames: slice) -> None:
-        first = slice(
-            frames.start, frames.start + 1
-        )  # of several lights on one picture, which share all fields
-        some = replace(options, seeds=options.seeds[first])
-        fields = _drawn(scene[first], camera, (means[0][frames], means[1][frames]), law, some, active)
-        fused.write_frames(scene[first], fields, written[frames], options.tones, threads)
+        first = slice(frames.start, frames.start + 1)  # several lights on one picture share its fields
+        fused.write_frames(scene[first], drawn(first, frames), written[frames], options.tones, threads)
 
     one_draw = law == "none" or (law == "merged" and len(set(options.seeds)) == 1)
     near = float(white_e.max()) <= _MOST_APART * float(white_e.min())
     step = len(scene) if one_draw and scene.stride(0) == 0 and near else 1
     side_by_side(expose, [slice(first, first + step) for first in range(0, len(scene), step)], threads)
     return out
-
-
-def _drawn(
-    light: Tensor,
-    camera: Camera,
-    means: tuple[Tensor, Tensor],
-    law: Law,
-    options: ReadoutOptions,
-    active: Sequence[SensorStage],
-) -> ReadoutFields:
-    """The fields of frames (B, C, H, W): the fixed pattern, and the noise that the law and the stages ask for."""
-    pattern = options.fixed_pattern or (None, None)
-    gain, offset_e = (None if plane is None else plane.to(light).expand(light.shape) for plane in pattern)
-    fields = ReadoutFields(
-        camera, law, *means, options.seeds, options.quantised, gain=gain, offset_e=offset_e
-    )
-    normal = read = None
-    if law in ("merged", "apart", "counts"):
-        normal = options.draw(options.seeds, light, "frame")
-    if _draws_read_noise(fields, light, fused.supports(active)):
-        read = options.draw(options.seeds, light, "read")
-    shared = {
-        stage.name: stage.drawn(light, options.seeds) for stage in stages.SHARED_NOISES if stage in active
-    }
-    return replace(fields, normal=normal, read=read, shared=shared)
 
 
 def _through(some: Iterable[SensorStage], signal: Tensor, at: ReadoutFields) -> Tensor:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-_MOST_ROWS = 8  # that are shown of a curve
+_MOST_ROWS = 8  # of a table of points; longer ones are only counted
 
 
 def find(name_or_file: str) -> Camera:
@@ -34,7 +34,7 @@ def find(name_or_file: str) -> Camera:
 
 
 def behind_one_filter(camera: Camera) -> Camera:
-    """The camera as if the strongest filter of its mosaic, under D55, were before every pixel; itself without any."""
+    """The camera with its mosaic's strongest filter under D55 before every pixel; unchanged without a mosaic."""
     curves, electrons = camera.sensor.quantum_efficiency, filter_electrons(camera)
     if isinstance(curves, FilterCurves):
         curves = curves.of(max(electrons, key=lambda letter: electrons[letter]))
@@ -42,7 +42,7 @@ def behind_one_filter(camera: Camera) -> Camera:
 
 
 def derived(camera: Camera) -> dict[str, float]:
-    """What follows from a camera's figures: saturation in electrons and DN, threshold, and decibels."""
+    """Derived figures of a camera: saturation in electrons and DN, threshold, SNR and dynamic range."""
     return {
         "saturation_e": camera.sensor.saturation_e,
         "clip_dn": float(camera.sensor.clip_dn),
@@ -65,17 +65,18 @@ def overview(cameras: list[Camera]) -> Table:
     ):  # fmt: skip
         table.add_column(heading, justify="right")
     for camera in cameras:
+        sensor = camera.sensor
         table.add_row(
             camera.name,
-            f"{camera.sensor.pixel_pitch_um:g}",
-            f"{camera.sensor.full_well_e:.0f}",
-            f"{camera.sensor.read_noise_e:.2f}",
-            f"{round(camera.sensor.system_gain_dn_per_e, 4):.4g}",
-            f"{camera.sensor.bit_depth}",
-            f"{camera.sensor.width_px}x{camera.sensor.height_px}",
-            f"{camera.sensor.saturation_e:.0f}",
-            f"{camera.sensor.snr_max_db:.1f}",
-            f"{camera.sensor.dynamic_range_db:.1f}",
+            f"{sensor.pixel_pitch_um:g}",
+            f"{sensor.full_well_e:.0f}",
+            f"{sensor.read_noise_e:.2f}",
+            f"{round(sensor.system_gain_dn_per_e, 4):.4g}",
+            f"{sensor.bit_depth}",
+            f"{sensor.width_px}x{camera.sensor.height_px}",
+            f"{sensor.saturation_e:.0f}",
+            f"{sensor.snr_max_db:.1f}",
+            f"{sensor.dynamic_range_db:.1f}",
         )
     return table
 
@@ -107,8 +108,8 @@ def _shown(value: object) -> str:
         rows = [camera_files.plain(row).items() for row in value]
         return "\n".join(", ".join(f"{name} {_shown(each)}" for name, each in row) for row in rows)
     if isinstance(value, Mapping):
-        stated = {name: figure for name, figure in camera_files.plain(value).items() if figure}
-        return "\n".join(f"{name}: {figure}" for name, figure in stated.items()) or "the same over the field"
+        given = {name: figure for name, figure in camera_files.plain(value).items() if figure}
+        return "\n".join(f"{name}: {figure}" for name, figure in given.items()) or "the same over the field"
     if not isinstance(value, Curve):
         return f"{value:.5g}" if isinstance(value, float) else str(value)
     nm, values = value.wavelengths_nm, value.values

@@ -14,11 +14,11 @@ from blurnoise.camera.colour import PLANES, Cfa, srgb_from_linear
 from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
 
 THREE_SENSORS = "imx250"
-"""The preset with a sensor for each colour; those of one sensor are usual."""
+"""The preset with a sensor for each colour."""
 _DEFAULT = "chosen: default, "
-_SAMPLED = 8  # pictures that are looked at
+_SAMPLED = 8  # pictures that are read
 _GREY_DN, _COLOURED_SHARE = 2, 0.01  # an overlay or a few damaged pixels do not make a colour camera
-_MOST_PX = 256  # a side, of which colours are looked at
+_MOST_PX = 256  # of a side: larger pictures are subsampled
 
 
 def default_camera(*, colour: bool, cfa: Cfa | None = None) -> Camera:
@@ -48,13 +48,13 @@ def in_colour(pictures: PictureSet) -> bool:
 def is_grey(image: Image) -> bool:
     """Whether the colours of (H, W, C) are the same, within 2 of 255, in all but 1 % of the pixels."""
     step = max(1, max(image.shape[:2]) // _MOST_PX)
-    seen = eight_bit(image[::step, ::step])
-    spread = seen.max(-1).astype(int) - seen.min(-1)
+    sampled = eight_bit(image[::step, ::step])
+    spread = sampled.max(-1).astype(int) - sampled.min(-1)
     return bool(np.mean(spread > _GREY_DN) <= _COLOURED_SHARE)
 
 
 def is_grey_light(light: Tensor) -> bool:
-    """The same of linear light (1, C, H, W), as the picture that it gives."""
+    """:func:`is_grey` of linear light (1, C, H, W), after sRGB coding."""
     coded = srgb_from_linear(light[0].clamp(0.0, 1.0)).mul(255.0).round().byte()
     return is_grey(coded.permute(1, 2, 0).numpy())
 

@@ -158,7 +158,11 @@ def find_line(values: Tensor) -> EdgeLine:
 
 
 def smooth(position_px: Tensor, *, order: int) -> Tensor:
-    """Least-squares polynomial of ``order`` through ``position_px`` (B, H) over the rows, at the rows."""
+    """Least-squares polynomial of ``order`` through ``position_px`` (B, H) over the rows, at the rows.
+
+    >>> smooth(torch.tensor([[1.0, 2.1, 2.9, 4.0]], dtype=torch.float64), order=1).round(decimals=2)
+    tensor([[1.0300, 2.0100, 2.9900, 3.9700]], dtype=torch.float64)
+    """
     basis = row_basis(position_px.shape[1], order)
     return position_px @ basis @ basis.T
 
@@ -172,13 +176,21 @@ def row_basis(rows: int, order: int) -> Tensor:
 
 
 def slope(values: Tensor) -> Tensor:
-    """Slope of the straight line through evenly spaced values (B, n), per step: of an edge, columns per row."""
+    """Slope of the straight line through evenly spaced values (B, n), per step: of an edge, columns per row.
+
+    >>> slope(torch.tensor([[1.0, 1.5, 2.0]], dtype=torch.float64))
+    tensor([0.5000], dtype=torch.float64)
+    """
     place = torch.arange(values.shape[1], dtype=torch.float64) - (values.shape[1] - 1) / 2
     return values @ (place / (place @ place))
 
 
 def cosine(position_px: Tensor) -> Tensor:
-    """Pixels along the normal for one along the row, (B,)."""
+    """Pixels along the normal for one along the row, (B,).
+
+    >>> cosine(torch.tensor([[0.0, 1.0, 2.0]], dtype=torch.float64))
+    tensor([0.7071], dtype=torch.float64)
+    """
     return 1 / torch.sqrt(1 + slope(position_px) ** 2)
 
 

@@ -180,7 +180,12 @@ def _window(place: Tensor, middle: Tensor) -> Tensor:
 
 
 def crossing(power: Tensor, spacing: Tensor, level: Tensor) -> Tensor:
-    """First frequency at which ``power`` (..., F), sampled by ``spacing``, falls below ``level`` (...), else inf."""
+    """First frequency at which ``power`` (..., F), sampled by ``spacing``, falls below ``level`` (...), else inf.
+
+    >>> power = torch.linspace(1, 0, 11, dtype=torch.float64)  # at 0 to 1 cycle/px
+    >>> crossing(power[None], torch.tensor([0.1]), torch.tensor([0.25])).round(decimals=3)
+    tensor([0.7500], dtype=torch.float64)
+    """
     level = level[..., None]
     below = power < level
     index = below.to(torch.uint8).argmax(-1, keepdim=True)

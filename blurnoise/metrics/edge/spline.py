@@ -26,7 +26,11 @@ PENALTY = 1e-3  # of the pixels per knot: less lets noise through where phases a
 
 
 def knots_px(count: int) -> Tensor:
-    """Places of ``count`` knots about the edge, (count,)."""
+    """Places of ``count`` knots about the edge, (count,).
+
+    >>> knots_px(5)
+    tensor([-0.5000, -0.2500,  0.0000,  0.2500,  0.5000], dtype=torch.float64)
+    """
     return KNOT_PX * torch.arange(-(count // 2), count // 2 + 1, dtype=torch.float64)
 
 

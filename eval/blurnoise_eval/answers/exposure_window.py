@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import ScoreCurve
-from blurnoise_eval.answers.limits import DARK, ExposureLine, WindowLimits, of_best, of_window
+from blurnoise_eval.answers.limits import DARK, TestedLine, WindowLimits, of_best, of_window
 from blurnoise_eval.answers.monotone import is_uniform, nested, pooled
 from blurnoise_eval.answers.recommendation import best_exposure, without_saturated
 from blurnoise_eval.answers.rows import AnswerRow, chosen_window
@@ -36,7 +36,7 @@ def answers(
 ) -> list[AnswerRow]:
     """An :func:`answer` for every setting and velocity of the table.
 
-    dark_below: see :class:`~.limits.ExposureLine`. monotone: whether no answer may be better at a higher speed, where
+    dark_below: see :class:`~.limits.TestedLine`. monotone: whether no answer may be better at a higher speed, where
     pictures move as a whole, see :mod:`.monotone`.
     """
     found = []
@@ -51,7 +51,7 @@ def answers(
         at_slowest = slowest.conditions["exposure_s"], slowest.mean
         for speed, curve in zip(speeds, curves, strict=True):
             slower = _between(curve.x, *at_slowest) if speed > min(speeds) else None
-            found.append(answer(curve, ExposureLine(curve.line, slower, dark_below), criterion))
+            found.append(answer(curve, TestedLine(curve.line, slower, dark_below), criterion))
     return found
 
 
@@ -63,7 +63,7 @@ def _between(exposures_s: Sequence[float], tested_s: Array, mean: Array) -> Arra
     return np.asarray(np.interp(np.log(exposures_s), np.log(tested_s), mean, left=np.nan, right=np.nan))
 
 
-def answer(curve: ScoreCurve, line: ExposureLine, criterion: Criterion) -> AnswerRow:
+def answer(curve: ScoreCurve, line: TestedLine, criterion: Criterion) -> AnswerRow:
     """The answer for one model and group of targets in one setting and at one velocity.
 
     verdict: "works": at some tested exposure the low end of the interval is at or above the level; "no exposure

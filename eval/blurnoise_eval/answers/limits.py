@@ -34,7 +34,7 @@ class WindowLimits(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ExposureLine:
+class TestedLine:
     """Tested exposures of one light and velocity.
 
     of: a table of one exposure after the other. slower: mean score at the slowest speed tested under this light (E,),
@@ -71,10 +71,10 @@ class ExposureLine:
         return bool(more > SATURATES) if np.isfinite(more) else None
 
 
-def of_window(line: ExposureLine, window: tuple[float, float], level: float) -> WindowLimits:
+def of_window(line: TestedLine, window: tuple[float, float], level: float) -> WindowLimits:
     """What ends a window, from one exposure to another, in which the value is at or above the level.
 
-    At the last exposure that fails before its lower end: darkness or noise, see :meth:`ExposureLine.lacks`. At the
+    At the last exposure that fails before its lower end: darkness or noise, see :meth:`TestedLine.lacks`. At the
     first that fails beyond its upper end: blur, if the slowest speed works with the same light and time, else
     saturation if more of the picture is saturated than somewhere in the window. With no slower speed tested it is
     saturation at rest; of a line that moves it is blur where nothing saturates, else unknown.
@@ -99,7 +99,7 @@ def of_window(line: ExposureLine, window: tuple[float, float], level: float) -> 
     return WindowLimits(low, high)
 
 
-def of_best(line: ExposureLine, best: int) -> WindowLimits:
+def of_best(line: TestedLine, best: int) -> WindowLimits:
     """What holds the best of the tested exposures back, where none works.
 
     By the slowest speed under this light: noise or darkness, if it does better at a longer time or still rises at the

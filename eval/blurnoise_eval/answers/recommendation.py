@@ -201,8 +201,11 @@ class Averages:
         return float(f"{exposure_s:.3g}")
 
     def _line(self, places: Iterable[int]) -> tuple[Places, Array]:
-        """Places (N, E) of the conditions, at each exposure those of the gain that keeps most at each light, of
-        equals the smallest; and the mean (E,) over them, 0 where it is not used since it saturates."""
+        """For each light and exposure choose the gain with the highest mean (ties: the smallest).
+
+        Return the indices of the conditions, (N, E), and the mean over them, (E,), 0 where the exposure is not used
+        because it saturates.
+        """
         gains: dict[Setting, dict[float, list[int]]] = {}
         for place in places:
             setting = self.settings[place]

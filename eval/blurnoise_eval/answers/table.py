@@ -81,7 +81,7 @@ class ScoreTable:
 
     @property
     def sigma(self) -> Array:
-        """(N,) standard deviation of the prediction beside what clusters differ by; 0 of what was measured."""
+        """(N,) prediction error, in addition to the variation between clusters; 0 where measured."""
         if self.prediction_cov is None:
             return np.zeros(len(self))
         blocks = np.array_split(np.arange(len(self)), -(-len(self) // _BLOCK))
@@ -132,11 +132,11 @@ class ScoreTable:
         return np.asarray(self.counts.sum(axis=0) > 0)
 
     @property
-    def knows_too_little(self) -> bool:
-        """Whether these targets score too little in the original pictures to say what the model keeps of it.
+    def reference_too_low(self) -> bool:
+        """Whether the score on the original pictures is too low to serve as a reference for a kept share.
 
-        That is less than ``LEAST_KNOWN`` on average, however many they are, and where they make less than 1 in sum,
-        less than what counts as found.
+        That is a mean below ``LEAST_KNOWN``, however many targets there are; where the scores add up to less than 1,
+        a mean below the score from which a target counts as found.
         """
         least = FOUND_SCORE if self.reference < 1 else LEAST_KNOWN
         return self.kept and (self.clean or 0.0) < least

@@ -1,6 +1,6 @@
-"""Example pictures with boxes: which targets a model found or read, which it missed, what else it saw.
+"""Example pictures with boxes: detected, missed and other objects.
 
-Domain: 8-bit pictures as files on disk, boxes (left, top, right, bottom) in px of the picture.
+Pictures are files of 8 bits; boxes are (left, top, right, bottom), px of the picture.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MISSED_RGB = (255, 140, 0)
 OTHER_RGB = (110, 190, 255)
 FONT_SCALE = 0.45
 MOST_BOXES = 300
-"""Targets drawn in a picture: of more, nobody could tell one from another."""
+"""The most targets that are drawn in a picture; more could not be distinguished."""
 
 
 def drawn_example(
@@ -72,7 +72,11 @@ def drawn_example(
 
 
 def short_text(text: str, length: int = 34) -> str:
-    """The text, printable in any encoding and at most ``length`` characters long."""
+    """The text in printable characters, at most ``length`` of them.
+
+    >>> short_text("a  rather long name", 9)
+    'a rather…'
+    """
     clean = plain(" ".join(text.split()))
     return clean if len(clean) <= length else clean[: length - 1] + "…"
 

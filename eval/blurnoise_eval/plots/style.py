@@ -14,14 +14,15 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 T = TypeVar("T")
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Of Okabe and Ito, which the colour-blind tell apart."""
+"""The palette of Okabe and Ito, for colour-blind readers."""
 GREY = "0.45"
 MAX_LINES = 10
-"""Lines of one panel."""
+"""The most lines of one panel."""
 
 
 def tidy(*grid: Axes, title: str | None = None, x: str | None = None, y: str | None = None) -> None:
-    """A pale grid below the data, small tick labels, no box; and titles, in which no mathematics is set."""
+    """Draw a pale grid below the data, small tick labels and no box. Titles have no mathematics: names may contain
+    dollar signs."""
     for axes in grid:
         axes.grid(color="0.9", lw=0.6)
         axes.set_axisbelow(True)
@@ -36,7 +37,7 @@ def tidy(*grid: Axes, title: str | None = None, x: str | None = None, y: str | N
 
 
 def plain_numbers(*every: Axis, digits: Sequence[int] | None = None, base: int = 10) -> None:
-    """Ticks as 0.5 and 1000, without powers; on a logarithmic axis at these digits of each decade."""
+    """Label ticks as 0.5 and 1000, without powers. digits: the ticks in each decade of a logarithmic axis."""
     for axis in every:
         if digits is not None:
             axis.set_major_locator(LogLocator(base, subs=digits))
@@ -51,9 +52,9 @@ def small_multiples(
     around: tuple[float, float] = (0.0, 1.0),
     **options: Any,
 ) -> tuple[Figure, list[Axes]]:
-    """A figure of ``count`` panels; the places that are left in the last row are blank.
+    """A figure of ``count`` panels; the rest of the last row is blank.
 
-    cell, around: inches, of a panel, and beside all of them. options: of ``Figure.subplots``.
+    cell: width and height of a panel, inches; around: of the margin. options: of ``Figure.subplots``.
     """
     rows = max(1, -(-count // columns))
     size = (cell[0] * columns + around[0], cell[1] * rows + around[1])
@@ -65,7 +66,7 @@ def small_multiples(
 
 
 def say_only(axes: Axes, text: str) -> None:
-    """A panel that has nothing to show, and why."""
+    """Show a text in place of a panel without data."""
     axes.set_axis_off()
     axes.text(0.5, 0.5, text, ha="center", transform=axes.transAxes)
 
@@ -80,7 +81,11 @@ def legend_above(figure: Figure, handles: Sequence[Any], title: str, columns: in
 
 
 def spread(values: Iterable[T], count: int) -> list[T]:
-    """At most ``count`` of the values, evenly spread, the first and the last among them."""
+    """At most ``count`` of the values, evenly spread, with the first and the last.
+
+    >>> spread(range(10), 4)
+    [0, 3, 6, 9]
+    """
     every = list(values)
     if len(every) <= count:
         return every
@@ -88,6 +93,10 @@ def spread(values: Iterable[T], count: int) -> list[T]:
 
 
 def line_colours(name: str, count: int) -> list[str]:
-    """``count`` hex colours from dark to bright of a perceptually even map, its brightest sixth left out."""
+    """``count`` hex colours of a map from dark to bright, without its brightest sixth.
+
+    >>> line_colours("viridis", 2)
+    ['#440154', '#95d840']
+    """
     even = matplotlib.colormaps[name](np.linspace(0, 0.84, count) if count != 1 else [0.35])
     return [str(matplotlib.colors.to_hex(colour)) for colour in even]

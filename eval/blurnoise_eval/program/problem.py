@@ -60,11 +60,11 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
     """
     where, name = f"run = {str(run.folder)!r}", _name_of(run, model)
     of_model = [table for table in run.score_tables() if table.model == name]
-    tables = [table for table in of_model if not table.knows_too_little]
+    tables = [table for table in of_model if not table.reference_too_low]
     notes = [
         f"{table.group}: left out, because the model finds too few of them in the original pictures"
         for table in of_model
-        if table.knows_too_little
+        if table.reference_too_low
     ]
     nodes = [plane for table in tables for plane in table.on_plane()]
     if not nodes:

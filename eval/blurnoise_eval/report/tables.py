@@ -34,13 +34,13 @@ def model_rows(data: RunData) -> list[TableRow]:
 
 def _score_of(data: RunData, row: ModelRow, score: Score) -> WithInterval:
     """A model's value of a score: on the original pictures, or of the model as a whole."""
-    if score.of_pictures:
-        if score.name in row.scores:
-            return row.scores[score.name]
-        original = data.clean_scores.get(row.model)
-        return UNKNOWN if original is None else original.scores.get(score.name, UNKNOWN)
-    value = getattr(row, score.name)
-    return value if isinstance(value, WithInterval) else WithInterval(value)
+    if score.of_model is not None:
+        value = score.of_model(row)
+        return value if isinstance(value, WithInterval) else WithInterval(value)
+    if score.name in row.scores:
+        return row.scores[score.name]
+    original = data.clean_scores.get(row.model)
+    return UNKNOWN if original is None else original.scores.get(score.name, UNKNOWN)
 
 
 def _model_cell(of: WithInterval, score: Score, best: float | None) -> Cell:

@@ -248,7 +248,7 @@ class Run:
     def tables_with_answers(self) -> list[ScoreTable]:
         """What was measured, without the models and groups that have no answers."""
         every = self.score_tables()
-        return [table for table in every if table.model not in self.withheld and not table.knows_too_little]
+        return [table for table in every if table.model not in self.withheld and not table.reference_too_low]
 
     def averages(self, tables: Iterable[ScoreTable]) -> list[Averages]:
         """Means over groups, lights and speeds, by model, from which an exposure for all of them is recommended."""

@@ -147,9 +147,11 @@ def _of_model(store: Store, setup: Setup, model: str, criterion: Criterion) -> I
     columns = target_columns(store, model)
     if criterion.of is not None and criterion.of.of_targets is not None:
         values = criterion.of.of_targets(columns)  # NaN where a row has none
-    else:
-        confidence = _alarm_confidence(store, setup, model, criterion.alarms_per_picture or 0.0)
+    elif criterion.alarms_per_picture is not None:
+        confidence = _alarm_confidence(store, setup, model, criterion.alarms_per_picture)
         values = (columns.confidence > confidence).astype(float)
+    else:
+        raise ValueError(f"score = {criterion.score!r}: has no value for each target")
     is_clean = np.array([at.original for at in columns.conditions], bool)
     original = is_clean[columns.condition] if len(is_clean) else np.zeros(0, bool)
     clean = _clean_values(columns, values, original)

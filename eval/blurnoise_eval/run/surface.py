@@ -268,7 +268,7 @@ class Predicted:
 def predicted_table(plane: ScoreTable, space: SearchSpace, trend: Trend) -> ScoreTable:
     """Of one plane the table of all lines of the search, ``PER_STOP`` exposures to a stop; without conditions where
     the model knows too little. The covariance of the prediction is that of the surface, ``CAUTION`` times as wide."""
-    if plane.knows_too_little:
+    if plane.reference_too_low:
         return plane.take([])
     exposures = exposures_on(space.exposures_s, PER_STOP)
     lines = sorted(space.lines, key=lambda line: (line.illuminance_lux, line.velocity_px_s))

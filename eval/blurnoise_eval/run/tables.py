@@ -56,7 +56,7 @@ def tables_of(
     unfit = models_withheld(setup.manifest, scores)
     measured = score_tables(store, setup, criterion, scored)
     tables = [table for table in on_lines(setup, measured) if table.model not in unfit]
-    known = [table for table in tables if not table.knows_too_little]
+    known = [table for table in tables if not table.reference_too_low]
     order = {name: index for index, name in enumerate(setup.models)}
     dark = dark_below(setup.camera)
     answer_rows: list[AnswerRow] = []
@@ -76,7 +76,7 @@ def tables_of(
     withheld = [
         {name: getattr(table, name) for name in ("model", "group", "n_targets", "reference", "clean")}
         for table in tables
-        if table.knows_too_little
+        if table.reference_too_low
     ]
     manifest = _manifest(store, setup, criterion)
     manifest |= {"withheld": withheld, "withheld_models": unfit}

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from blurnoise_eval.scoring.uncertainty import ClusterEstimate
 
 if TYPE_CHECKING:  # heavy, and names of scores are completed in a shell
     from blurnoise_eval.scoring.evaluated import Evaluated
+    from blurnoise_eval.store.columns import WithInterval
     from blurnoise_eval.store.queries import TargetColumns
 
 DETECTOR = frozenset({"detector"})
@@ -34,14 +35,19 @@ _NO_TEXT = "no text to read"
 class Score:
     """One score: its column, title, which way is better (None: neither), its scale, and which models it judges.
 
-    kinds: of "detector" and "reader", as a run's manifest names them. It has one of three functions: of_targets: by
-    rows of targets what it is the mean of, NaN where there is none; by_size: its estimate of the answers under one
-    condition for targets of one of ``SIZES``; of: its estimate of the answers, or a number without an interval, None
-    where undefined. Without any the score is of a model as a whole.
+    kinds: of "detector" and "reader", as a run's manifest names them. A score has exactly one of four functions.
+    of_targets: from rows of targets to the values that it is the mean of, NaN where a row has none. by_size: its
+    estimate of the answers under one condition, for targets of one of ``SIZES``. of: its estimate of the answers, or
+    a number without an interval, None where undefined. of_model: its value in a row of the table of models, of a
+    model as a whole.
     charted: whether the page draws it. of_models: of which kinds the table of models has it, of the original
     pictures; meaning: what it is, there, missing: why it may have no value, digits: how it is written. criterion:
-    what it is called where a share of it is kept, and where it reaches a level: so ``--score`` takes it; raises
-    ``ValueError`` without ``of_targets`` or ``by_size``.
+    what it is called where a share of it is kept, and where it reaches a level: so ``--score`` takes it.
+
+    Raises ``ValueError`` for none or several functions, and for a criterion without ``of_targets`` or ``by_size``.
+
+    >>> Score("half", "Half", of_targets=lambda rows: rows.confidence / 2, criterion=("half", "half")).most
+    1.0
     """
 
     name: str
@@ -52,6 +58,7 @@ class Score:
     scale: Literal["share", "count"] = "share"
     of_targets: Callable[[TargetColumns], NDArray[np.float64]] | None = None
     by_size: Callable[[Evaluated, str], ClusterEstimate] | None = None
+    of_model: Callable[[Any], WithInterval | float | None] | None = None
     charted: bool = False
     of_models: frozenset[str] = NEITHER
     meaning: str = ""
@@ -60,6 +67,10 @@ class Score:
     criterion: tuple[str, str] | None = None
 
     def __post_init__(self) -> None:
+        given = [of for of in (self.of, self.of_targets, self.by_size, self.of_model) if of is not None]
+        if len(given) != 1:
+            must = "must have one of of, of_targets, by_size and of_model"
+            raise ValueError(f"score {self.name!r}: has {len(given)} functions: {must}")
         if self.criterion and not (self.of_targets or self.by_size):
             must = "must have of_targets or by_size, which answer for each size of targets"
             raise ValueError(f"score {self.name!r}: criterion = {self.criterion!r}: {must}")
@@ -72,7 +83,7 @@ class Score:
     @property
     def of_pictures(self) -> bool:
         """Whether it scores the answers under a condition, rather than a model as a whole."""
-        return bool(self.of or self.of_targets or self.by_size)
+        return self.of_model is None
 
     def estimate(self, evaluated: Evaluated) -> ClusterEstimate:
         """The score of answers under one condition, undefined where there is nothing to score."""
@@ -83,17 +94,17 @@ class Score:
 
 
 def of_conditions() -> list[Score]:
-    """Those that answers under each condition have: the columns of scores.csv."""
+    """Scores of the answers under each condition: the columns of scores.csv."""
     return [score for score in SCORES if score.of_pictures]
 
 
 def of_models(kind: str) -> list[Score]:
-    """Those of the table of models."""
+    """Scores in the table of models."""
     return [score for score in SCORES if kind in score.of_models]
 
 
 def criteria(kind: str) -> list[Score]:
-    """Those of which a level, or a share that is kept, may be what is enough."""
+    """Scores that ``--score`` accepts."""
     return [score for score in SCORES if score.criterion and kind in score.kinds]
 
 
@@ -110,24 +121,27 @@ def _precision(evaluated: Evaluated, size: str, first: int = 0, last: int = 10) 
 
 SCORES: tuple[Score, ...] = (
     Score(
-        "p", "P", DETECTOR, of_models=DETECTOR, missing=_UNKNOWN,
+        "p", "P", DETECTOR, of_model=attrgetter("p"), of_models=DETECTOR, missing=_UNKNOWN,
         meaning="AP (IoU 0.50 to 0.95) on the original pictures",
     ),
     Score(
-        "p", "P", READER, of_models=READER, missing=_NO_TEXT,
+        "p", "P", READER, of_model=attrgetter("p"), of_models=READER, missing=_NO_TEXT,
         meaning="exact matches on the original pictures",
     ),
     Score(
-        "mpc", "mPC", of_models=BOTH, missing="no condition scored",
+        "mpc", "mPC", of_model=attrgetter("mpc"), of_models=BOTH, missing="no condition scored",
         meaning="mean of the same over all conditions but the original pictures, each weighted alike",
     ),
-    Score("rpc", "rPC", of_models=BOTH, missing="needs mPC, and P above 0", meaning="mPC / P"),
     Score(
-        "auc_exposure", "AUC over exposure", of_models=BOTH, missing=_CURVES,
+        "rpc", "rPC", of_model=attrgetter("rpc"), of_models=BOTH, missing="needs mPC, and P above 0",
+        meaning="mPC / P",
+    ),
+    Score(
+        "auc_exposure", "AUC over exposure", of_model=attrgetter("auc_exposure"), of_models=BOTH, missing=_CURVES,
         meaning="mean over all curves of the area under mean confidence, divided by the range of exposures",
     ),
     Score(
-        "auc_blur", "AUC over blur", of_models=BOTH, missing=_CURVES,
+        "auc_blur", "AUC over blur", of_model=attrgetter("auc_blur"), of_models=BOTH, missing=_CURVES,
         meaning="the same over motion blur in px, at each exposure",
     ),
     Score(
@@ -188,15 +202,16 @@ SCORES: tuple[Score, ...] = (
         meaning="edits / characters",
     ),
     Score(
-        "latency_ms", "Latency, median", better="lower", of_models=BOTH, missing="not measured", digits=".3g",
+        "latency_ms", "Latency, median", of_model=attrgetter("latency_ms"), better="lower", of_models=BOTH,
+        missing="not measured", digits=".3g",
         meaning="CPU time of one picture on one thread, from picture to answer",
     ),
     Score(
-        "latency_p95_ms", "Latency, 95th percentile", better="lower", of_models=BOTH, missing="not measured",
-        digits=".3g",
+        "latency_p95_ms", "Latency, 95th percentile", of_model=attrgetter("latency_p95_ms"), better="lower",
+        of_models=BOTH, missing="not measured", digits=".3g",
     ),
     Score(
-        "latency_threads", "Threads for the latency", better=None, of_models=BOTH, missing="not measured",
-        digits="d",
+        "latency_threads", "Threads for the latency", of_model=attrgetter("latency_threads"), better=None,
+        of_models=BOTH, missing="not measured", digits="d",
     ),
 )  # fmt: skip

@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 class ClusterEstimate(NamedTuple):
     """A value, None where it is undefined, and the clusters' influence on it (n,), None where it is not known.
 
-    cautious: a lower one, where the value is known to lie above what many pictures would give: the interval
-    reaches down to its own.
+    cautious: the estimate corrected for upward bias at few pictures, where that is known; the interval extends to its
+    lower end.
     """
 
     value: float | None
@@ -74,14 +74,23 @@ def influence(sums: ArrayLike, counts: ArrayLike) -> Array:
 
 
 def mean(sums: ArrayLike, counts: ArrayLike) -> ClusterEstimate:
-    """Sum over clusters of ``sums`` (n,) by that of ``counts`` (n,)."""
+    """Sum over clusters of ``sums`` (n,), divided by that of ``counts`` (n,).
+
+    >>> mean([1, 2], [2, 2]).value
+    0.75
+    """
     value = float(ratio_of_sums(sums, counts))
     return ClusterEstimate(None) if math.isnan(value) else ClusterEstimate(value, influence(sums, counts))
 
 
 def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> ClusterEstimate:
-    """Of a measure (1 + n,): of all, then without each cluster, NaN where it is not defined; cautious: the same of a
-    lower one, none below 0."""
+    """The estimate of a measure (1 + n,) of all clusters, then without each of them; NaN where it is not defined.
+
+    cautious: the same of the measure corrected for upward bias, which is clipped at 0.
+
+    >>> left_out([0.5, 0.4, 0.6]).influence
+    array([ 0.1, -0.1])
+    """
     every = np.asarray(values, float)
     whole, without = float(every[0]), every[1:]
     if not math.isfinite(whole):
@@ -92,7 +101,11 @@ def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> ClusterEst
 
 
 def all_and_without(each: NDArray[Any]) -> NDArray[Any]:
-    """Totals over clusters of numbers (n, ...), then those without each, (1 + n, ...)."""
+    """Totals over clusters of numbers (n, ...), then the totals without each cluster, (1 + n, ...).
+
+    >>> all_and_without(np.array([[1], [2], [4]])).ravel().tolist()
+    [7, 6, 5, 3]
+    """
     every = np.empty((1 + len(each), *each.shape[1:]), each.dtype)
     each.sum(axis=0, out=every[0])
     np.subtract(every[0], each, out=every[1:])
@@ -141,14 +154,22 @@ def student_t(n: ArrayLike, confidence: float = CONFIDENCE) -> Array:
 
 
 def effective(sizes: ArrayLike) -> Array:
-    """How many clusters of one size are worth these of ``sizes`` k (n, ...): (sum k)^2 / sum k^2 (Kish)."""
+    """How many clusters of equal size are worth these of ``sizes`` k (n, ...): (sum k)^2 / sum k^2 (Kish).
+
+    >>> float(effective([1, 1, 1, 1])), float(effective([3, 1]))
+    (4.0, 1.6)
+    """
     size = np.asarray(sizes, float)
     square = (size**2).sum(axis=0)
     return np.asarray(np.where(square > 0, size.sum(axis=0) ** 2 / np.where(square > 0, square, 1.0), 0.0))
 
 
 def enough(clusters: ArrayLike) -> NDArray[np.bool_]:
-    """Whether so many clusters, counted or :func:`effective`, are enough for an interval."""
+    """Whether so many clusters, counted or :func:`effective`, are enough for an interval.
+
+    >>> enough([7, 8]).tolist()
+    [False, True]
+    """
     return np.asarray(np.asarray(clusters) >= FEWEST)
 
 
@@ -307,7 +328,7 @@ def _normal(clusters: int) -> Array:
 
 
 def _centred(influence: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-    """Less its mean over the clusters that were measured, 0 of others; and which were, both (n, ...)."""
+    """Return (centred influence, 0 where missing; mask of measured clusters), both (n, ...)."""
     away = np.asarray(influence, float)
     measured = np.isfinite(away)
     mean = np.where(measured, away, 0.0).sum(axis=0) / np.maximum(measured.sum(axis=0), 1)

@@ -9,12 +9,14 @@ entry of ``AXES`` alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
+from itertools import groupby
+from operator import attrgetter
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_origin, get_type_hints
 
-from blurnoise_eval.plan.axes import AXES, NAMES, VELOCITY, Axis, named
+from blurnoise_eval.plan.axes import AXES, CHOICES, NAMES, VELOCITY, Axis
 
 CONDITIONS = ("clean", *NAMES)
 """Columns that identify a condition; the original pictures have None on every axis."""
@@ -61,13 +63,18 @@ class AxisValues(Mapping[str, Any]):
     (0.01, None, False)
     """
 
-    __slots__ = ("numbers",)
+    __slots__ = ("by_name", "numbers", "original")
 
     numbers: tuple[float | None, ...]
     """In the order of ``AXES``."""
+    by_name: Mapping[str, float | None]
+    original: bool
+    """Whether these are the original pictures, which have a number on no axis."""
 
     def __init__(self, numbers: Sequence[float | None]) -> None:
         self.numbers = tuple(numbers)
+        self.by_name = dict(zip(NAMES, self.numbers, strict=True))
+        self.original = all(number is None for number in self.numbers)
 
     @classmethod
     def of(cls, at: Mapping[str, Any]) -> AxisValues:
@@ -75,7 +82,7 @@ class AxisValues(Mapping[str, Any]):
         return _shared(*(at.get(name) for name in NAMES))
 
     def __getitem__(self, name: str) -> Any:
-        return self.numbers[_INDEX[name]]
+        return self.by_name[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(NAMES)
@@ -91,11 +98,6 @@ class AxisValues(Mapping[str, Any]):
 
     def __repr__(self) -> str:
         return f"AxisValues.of({ ({name: number for name, number in self.items() if number is not None})!r})"
-
-    @property
-    def original(self) -> bool:
-        """Whether these are the original pictures, which have a number on no axis."""
-        return not any(number is not None for number in self.numbers)
 
     @property
     def exposure_s(self) -> float:
@@ -171,25 +173,18 @@ class Row:
 
     def columns(self) -> dict[str, Any]:
         """The values by column as public tables and files have them: choices by their names."""
-        return named(self.stored())
+        found = self.stored()
+        for name, choices in CHOICES.items():
+            if (number := found.get(name)) is not None:
+                found[name] = choices[int(number)]
+        return found
 
     def stored(self) -> dict[str, Any]:
         """The values by column as a run's file has them."""
         found: dict[str, Any] = {}
         kind: Any = type(self)
-        for name in _fields(kind):
-            value = getattr(self, name)
-            if isinstance(value, AxisValues):
-                found |= {each: value.original if each == "clean" else value[each] for each in self.axes}
-            elif isinstance(value, WithInterval):
-                found |= value.columns(name)
-            elif isinstance(value, Mapping):
-                for score, estimate in value.items():
-                    found |= estimate.columns(score)
-            elif isinstance(value, Row):
-                found |= value.stored()
-            elif name not in _parts(kind):
-                found[name] = value
+        for add in _writers(kind):
+            add(self, found)
         return found
 
     @classmethod
@@ -254,6 +249,10 @@ def _column(name: str, kind: Any, *about: str) -> TableColumn:
     """about: the condition on values, which tables that are no part of a run's file lack, and the meaning."""
     holds = about[0] if len(about) > 1 else ""
     plain = [each for each in (get_args(kind) or (kind,)) if each is not type(None)]
+    if kind is WithInterval:
+        return TableColumn(
+            name, "REAL", holds, f"{about[-1]}; with `_low` and `_high` the ends of its 95 % interval"
+        )
     optional = type(None) in get_args(kind)
     return TableColumn(name, _KINDS.get(plain[0], ""), or_none(holds) if optional else holds, about[-1])
 
@@ -267,7 +266,7 @@ def _of_axis(name: str) -> TableColumn:
             name, "INTEGER", FLAG, "whether this is the original picture; it has no value on any axis"
         )
     axis = AXES[_INDEX[name]]
-    return TableColumn(name, "REAL", _on(axis), axis.about)
+    return TableColumn(name, "REAL", _on(axis), axis.title)
 
 
 def _on(axis: Axis) -> str:
@@ -280,6 +279,45 @@ def _on(axis: Axis) -> str:
     if axis.automatic:
         allowed = f"({allowed} OR typeof({{0}}) = 'real' AND {{0}} = 9e999)"
     return f"CASE WHEN clean THEN {{0}} IS NULL ELSE {allowed} END"
+
+
+@cache
+def _writers(row: Any) -> tuple[Callable[[Row, dict[str, Any]], None], ...]:
+    """Functions that add a row's values to a dictionary by column: one for each run of plain fields, and one for each
+    field that is several columns."""
+    found: list[Callable[[Row, dict[str, Any]], None]] = []
+    hints = _hints(row)
+    for is_plain, group in groupby(_fields(row), key=lambda name: _is_plain(hints[name])):
+        names = tuple(group)
+        found += [_plain(names)] if is_plain else [partial(_add_part, name) for name in names]
+    return tuple(found)
+
+
+def _is_plain(hint: Any) -> bool:
+    """Whether a field is one column."""
+    return get_origin(hint) is Annotated and get_args(hint)[0] is not WithInterval
+
+
+def _plain(names: tuple[str, ...]) -> Callable[[Row, dict[str, Any]], None]:
+    values = attrgetter(*names) if len(names) > 1 else lambda row: (getattr(row, names[0]),)
+    return lambda row, found: found.update(zip(names, values(row)))  # noqa: B905  # some 100 000 times
+
+
+def _add_part(name: str, row: Row, found: dict[str, Any]) -> None:
+    value = getattr(row, name)
+    if isinstance(value, AxisValues):
+        if row.axes is CONDITIONS:
+            found["clean"] = value.original
+            found.update(value.by_name)
+        else:
+            found.update((axis, value[axis]) for axis in row.axes)
+    elif isinstance(value, WithInterval):
+        found.update(value.columns(name))
+    elif isinstance(value, Row):
+        found.update(value.stored())
+    elif value is not None:
+        for score, estimate in value.items():
+            found.update(estimate.columns(score))
 
 
 @cache

@@ -64,12 +64,6 @@ def condition_counts(store: Store, model: str) -> list[ScoreRow]:
     return list(map(ScoreRow.read, store.rows(query, model)))
 
 
-def mean_confidences(store: Store, model: str) -> list[tuple[AxisValues, float]]:
-    """The mean confidence in a model's targets under each condition that has any, original pictures included."""
-    query = f"SELECT {_SHARED}, TOTAL(confidence) / COUNT(confidence) FROM targets WHERE model = ? GROUP BY {_SHARED}"
-    return [(AxisValues(at), mean) for _, *at, mean in store.rows(query, model) if mean is not None]
-
-
 def pictures_seen(store: Store) -> list[str]:
     """The names of the pictures that have cells."""
     return _values(store, "SELECT DISTINCT image FROM cells ORDER BY image")
@@ -146,14 +140,6 @@ def counts(store: Store) -> dict[str, int]:
     """n_cells, each once for all models, and n_target_rows."""
     asked = {"n_cells": "COUNT(DISTINCT cell_id) FROM cells", "n_target_rows": "COUNT(*) FROM targets"}
     return {name: _values(store, f"SELECT {query}")[0] for name, query in asked.items()}
-
-
-def exposed_conditions(store: Store) -> list[tuple[AxisValues, float | None]]:
-    """Every condition but that of original pictures, with the mean gain of its pictures, dB."""
-    query = f"SELECT {_SHARED}, AVG(applied_gain_db) FROM cells WHERE clean = 0 GROUP BY {_SHARED} ORDER BY {SORTED}"
-    rows = list(store.rows(query))
-    conditions = as_set(store, [AxisValues(at) for _, *at, _ in rows])
-    return [(at, gain_db) for at, (*_, gain_db) in zip(conditions, rows, strict=True)]
 
 
 def non_finite_values(store: Store) -> dict[str, int]:

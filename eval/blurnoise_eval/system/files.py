@@ -1,4 +1,4 @@
-"""Files of a run and of figures, written completely or not at all; what a run or a list names lies in its folder."""
+"""Files of a run and of figures: written completely or not at all, and none outside the folder of the run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from typing import Any
 
 from blurnoise._core.files import check_regular
 from blurnoise._core.writing import (
-    check_own_folder,
     check_replaceable,
     check_writable,
     check_writable_folder,
@@ -25,36 +24,39 @@ from blurnoise._core.writing import (
 from blurnoise_eval.system.tables import csv_lines
 
 __all__ = [
-    "check_own_folder", "check_regular", "check_replaceable", "check_writable", "check_writable_folder",
+    "check_regular", "check_replaceable", "check_writable", "check_writable_folder",
     "note_inputs", "remove", "write_whole", "writing", "written_whole",
 ]  # fmt: skip
 
 RUN_FILE = "results.sqlite"
-"""The file by which a folder is known to be a sweep's."""
+"""The file that makes a folder a run's."""
 LARGEST_EXAMPLE_BYTES = 300_000_000
-"""Of a picture that a run keeps."""
+"""Of a picture in a run's folder."""
 RUN_PICTURES = ("examples", "figures")
-"""The folders in it that hold pictures."""
+"""Folders of a run that hold pictures."""
 RUN_FILES = (
     "recommendations.csv", "answers.csv", "models.csv", "scores.csv", "curves.csv", "results.csv", "targets.csv",
     "conditions.json", "summary.json", "report.html", "failures.html", "coco/instances.json",
     "figures/confidence_*.png", "figures/score_moves.png",
 )  # fmt: skip
-"""All that a sweep and its report write beside these."""
+"""The other files of a sweep and its report."""
 
 
 def write_records(
     name: str, records: Sequence[Mapping[str, Any]], document: Mapping[str, Any], folder: Path
 ) -> None:
-    """Write ``name``.csv, a row per record, and ``name``.json, each whole; raises ``OSError``."""
+    """Write ``name``.csv with a row per record, and ``name``.json. Raises ``OSError``."""
     write_whole(folder / f"{name}.csv", (line.encode() for line in csv_lines([*records[0]], records)))
     write_whole(folder / f"{name}.json", json.dumps(document, indent=1, allow_nan=False).encode())
 
 
 def check_outputs(folder: Path, *names: str) -> None:
-    """Raise ``OSError`` where one of these files in the folder may not be replaced, before anything is computed for
-    them. names: as :meth:`Path.glob` takes them, folders with a slash at the end. The folder may be anybody's: raises
-    ``ValueError`` for a link to another place, and ``OSError`` for a pipe, which may have no reader."""
+    """Check before any computation that these files in a folder may be written.
+
+    names: patterns of :meth:`Path.glob`; folders end with a slash. Raises ``OSError`` for a file that must not be
+    replaced, and for a pipe, which may have no reader; ``ValueError`` for a link out of the folder, which may come
+    from anyone.
+    """
     check_writable_folder(folder)
     for below in sorted({name.rpartition("/")[0] for name in names} - {""}):
         if path_within(folder, below).exists():
@@ -68,17 +70,20 @@ def check_outputs(folder: Path, *names: str) -> None:
 
 
 def write_figure(path: Path, figure: Any, *, dpi: int) -> None:
-    """Write a figure of matplotlib's in the format of ``path``'s suffix, as :func:`write_whole` does."""
+    """Write a figure of matplotlib in the format of the suffix, as :func:`write_whole` does."""
     picture = io.BytesIO()
     figure.savefig(picture, format=path.suffix[1:].lower(), dpi=dpi)
     write_whole(path, picture.getvalue())
 
 
 def inside(name: str) -> str:
-    """A file's name as sub/picture.png, whatever detours it takes.
+    """The normal form of a file's name, such as sub/picture.png.
 
-    Raises ``ValueError`` for one that leaves the folder it is meant for, on any system: through '..', as an
-    absolute path, with a drive letter or a backslash.
+    Raises ``ValueError`` for a name that leaves its folder on any system: by '..', as an absolute path, with a drive
+    letter or a backslash.
+
+    >>> inside("a/./b/../c.png")
+    'a/c.png'
     """
     windows, path = PureWindowsPath(name), os.path.normpath(PurePosixPath(name))
     leaves = path in (".", "..") or path.startswith(("/", "../"))
@@ -89,7 +94,7 @@ def inside(name: str) -> str:
 
 
 def path_within(folder: Path, name: str | Path) -> Path:
-    """The path in ``folder`` of what a run of anybody's names; it need not exist.
+    """The path in ``folder`` of a name from a run, which may come from anyone. It need not exist.
 
     Raises ``ValueError`` for a name that leaves the folder, as :func:`inside` does, also through a symbolic link.
     """

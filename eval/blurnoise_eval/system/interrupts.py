@@ -1,8 +1,8 @@
-"""Interrupts: Ctrl-C (SIGINT), SIGTERM, and SIGHUP where the terminal closes, end a command in one way.
+"""Interrupts: Ctrl-C (SIGINT), SIGTERM, and SIGHUP of a closed terminal end a command in the same way.
 
-The first raises ``KeyboardInterrupt``, so that what is open is closed and what is unfinished is removed. The next
-one ends the process at once, by the signal's default action, as the first does within an import, which cannot be
-undone half-way and before which nothing has been begun. Signals that are ignored, as under nohup, stay ignored.
+The first signal raises ``KeyboardInterrupt``, so that open files are closed and unfinished ones removed. The second
+ends the process at once by its default action. So does the first during an import, which cannot be undone half-way;
+no work has begun by then. Signals that are ignored, as under nohup, stay ignored.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP
 _SHOW_CURSOR = b"\x1b[?25h"  # a progress line hides it
 _AGAIN_S = 0.02
 
-_by = 0  # the signal that has ended the command, of this process
-_over = False  # whether the command has ended, and this process with it
+_by = 0  # the signal that ended the command of this process
+_over = False  # whether the command has ended, and its process ends, too
 _kept: list[Callable[[], bool]] = []
-_caught: dict[int, Any] = {}  # signals that are caught now, and what was done about them before
+_caught: dict[int, Any] = {}  # the caught signals, and their actions before
 
 
 def in_order(run: Callable[[], int], *, own_process: bool = False) -> int:
-    """What ``run`` returns; 128 + the signal's number where a signal ended it, and a line that says so.
+    """Return what ``run`` returns. If a signal ends it, print a line and return 128 + the number of the signal.
 
-    own_process: there is nothing but ``run`` in this process, which then ends by the same signal: shells stop a loop
-    only for that, and report the same number. In other threads than the main one no signal is caught.
+    own_process: the process has no other work than ``run`` and ends by the same signal; otherwise a shell does not
+    stop its loop. Signals are caught in the main thread only.
     """
     global _by, _over
     if not _caught:
@@ -52,13 +52,13 @@ def in_order(run: Callable[[], int], *, own_process: bool = False) -> int:
 
 
 def keeps(work: Callable[[], bool]) -> None:
-    """``work`` says whether something is finished that an interrupt of this command does not lose."""
+    """Register ``work``, which tells whether this command has finished work that an interrupt does not lose."""
     _kept.append(work)
 
 
 @contextmanager
 def taken_back() -> Iterator[None]:
-    """A handler of SIGTERM that is set inside, as Ray sets it, is replaced by the one before. Its exit is ours."""
+    """Restore the handler of SIGTERM at the end: Ray sets one of its own. If that one exits, ours is called."""
     before = signal.getsignal(signal.SIGTERM)
     try:
         yield
@@ -108,7 +108,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """As :func:`_interrupt`; at once within an import, and after the command."""
+    """As :func:`_interrupt`, but at once during an import and after the command."""
     try:
         _interrupt(number, frame)
     except KeyboardInterrupt:
@@ -124,7 +124,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 
 def _raise_again() -> None:
-    """An interrupt in a destructor or a callback, which Python would print and forget, comes again a little later."""
+    """Raise the interrupt again a little later: in a destructor or a callback, Python would print and forget it."""
 
     def again(*_: object) -> None:
         raise KeyboardInterrupt
@@ -139,7 +139,7 @@ def _last_line() -> str:
 
 
 def _die() -> None:
-    """End by the signal, if one has ended the command. The first process of a container is not ended by it."""
+    """End the process by the signal that ended the command, or exit: a container's first process ignores signals."""
     if _by:
         with suppress(OSError, ValueError, RuntimeError):
             sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""This machine: its processor, the cores that may be used, its system, threads of PyTorch and OpenCV."""
+"""This machine: processor, usable cores, operating system, versions of packages, threads of PyTorch and OpenCV."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy")
 
 
 def hardware() -> dict[str, Any]:
-    """The machine in words: processor, usable cores, operating system, Python."""
+    """Processor, usable cores, operating system, Python."""
     info = Path("/proc/cpuinfo")
     named = re.search(r"^model name\s*:\s*(.+)$", info.read_text() if info.is_file() else "", re.MULTILINE)
     return {
@@ -30,7 +30,7 @@ def hardware() -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages on which the bits of a result depend, and of the :func:`sources`."""
+    """The versions of packages on which the bits of a result depend, and the hash of the :func:`sources`."""
     import cv2
 
     installed = {name: metadata.version(name) for name in _PACKAGES}
@@ -39,7 +39,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def sources() -> str:
-    """What tells two commits of one version apart: a hash of the Python files of simulator and harness."""
+    """A hash of the Python files of simulator and harness: it distinguishes commits of the same version."""
     digest = hashlib.blake2b(digest_size=6)
     for package in ("blurnoise", "blurnoise_eval"):
         folder = Path(str(files(package)))
@@ -50,13 +50,13 @@ def sources() -> str:
 
 
 def usable_cores() -> int:
-    """Cores this process may use."""
+    """The number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def limited_threads(count: int) -> Iterator[None]:
-    """PyTorch and OpenCV with ``count`` threads inside, as before outside. Sessions of onnxruntime have their own."""
+    """Limit PyTorch and OpenCV to ``count`` threads. Sessions of onnxruntime have threads of their own."""
     import cv2
     import torch
 
@@ -71,5 +71,5 @@ def limited_threads(count: int) -> Iterator[None]:
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Whether memory ran out: Python and NumPy raise ``MemoryError``, PyTorch a ``RuntimeError`` like any other."""
+    """Whether memory ran out: Python and NumPy raise ``MemoryError``, PyTorch a plain ``RuntimeError``."""
     return isinstance(error, MemoryError) or "can't allocate memory" in str(error)

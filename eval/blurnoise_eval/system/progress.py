@@ -1,4 +1,4 @@
-"""Progress of long work: rich's line on a terminal; elsewhere a line after 10 s, then one a minute."""
+"""Progress of long work: a line of rich on a terminal; in a log, a line after 10 s and then one per minute."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ FIRST_S, PAUSE_S = 10.0, 60.0  # until the first line of a log, and between line
 
 
 class ProgressBar:
-    """Progress of ``total`` steps, on standard error, called with how many more are done; silent unless ``shown``."""
+    """The progress of ``total`` steps, on standard error. Call it with the number of further steps that are done.
+
+    shown: False or None for no output.
+    """
 
     def __init__(self, label: str, total: float, shown: bool | None = True) -> None:
         from rich.progress import Progress, TextColumn
@@ -41,7 +44,7 @@ class ProgressBar:
             say(self._line(f"{'stopped after' if kind else 'took'} {duration_text(took_s)}"), error=True)
 
     def __call__(self, done: float) -> None:
-        """So much more is done."""
+        """Add steps that are done."""
         most = max(self._task.total or 0.0, self._task.completed + done)  # more was to do than it seemed
         self._progress.update(self._number, advance=done, total=most)
         speed, left_s = self._task.speed, self._task.time_remaining
@@ -54,7 +57,7 @@ class ProgressBar:
             say(line, error=True)
 
     def already(self, done: float) -> None:
-        """So much was done before, which says nothing of the speed."""
+        """Add steps that were done earlier; they do not count for the speed."""
         self._progress.reset(self._number, completed=int(self._task.completed + done))
 
     def _line(self, how: str) -> str:
@@ -62,7 +65,11 @@ class ProgressBar:
 
 
 def duration_text(seconds: float) -> str:
-    """'40 s', '12 min', '3 h 20 min'."""
+    """A duration in words.
+
+    >>> duration_text(40), duration_text(735), duration_text(12_000)
+    ('40 s', '12 min', '3 h 20 min')
+    """
     minutes = round(seconds / 60)
     if seconds < 90:
         return f"{seconds:.0f} s"

@@ -1,7 +1,8 @@
-"""Signatures of what this user has written, by a secret of the account: nobody else's file passes for one's own.
+"""Signatures of documents that this user has written, made with a secret of the account, so that files of others
+are recognised.
 
-The secret lies in BLURNOISE_STATE, else in $XDG_STATE_HOME/blurnoise or ~/.local/state/blurnoise. Where it can be
-neither read nor written nothing is one's own.
+The secret is a file in BLURNOISE_STATE, else in $XDG_STATE_HOME/blurnoise or ~/.local/state/blurnoise. If it can be
+neither read nor written, no document counts as the user's.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ _BYTES = 32
 
 
 def signed(text: str) -> str | None:
-    """The signature of a text; None where there is no secret."""
+    """The signature of a text; None if there is no secret."""
     secret = _secret(make=True)
     return _of(text, secret) if secret else None
 
 
 def is_own(text: str, signature: str | None) -> bool:
-    """Whether the signature is this user's, of this text."""
+    """Whether this user has signed this text."""
     secret = _secret()
     if not secret or not signature:
         return False
@@ -46,7 +47,7 @@ def _secret(*, make: bool = False) -> bytes | None:
             write_whole(made, secrets.token_bytes(_BYTES))
             made.chmod(0o600)
             with suppress(FileExistsError):
-                os.link(made, path)  # of several at a time the first
+                os.link(made, path)  # of several processes, the first one's secret is used by all
             made.unlink()
         secret = path.read_bytes()
         return secret if len(secret) == _BYTES else None

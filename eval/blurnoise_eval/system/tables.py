@@ -1,4 +1,4 @@
-"""Tables as text, a line at a time, for :func:`blurnoise_eval.system.files.write_whole` to write as they come."""
+"""Tables as lines of CSV, one at a time, for :func:`blurnoise_eval.system.files.write_whole`."""
 
 from __future__ import annotations
 
@@ -13,17 +13,29 @@ _FORMULA = re.compile(r"'*[=+\-@\t\r\n\0]")
 
 
 def plain(value: Any) -> Any:
-    """A value for a file: infinity is an axis's that the camera sets itself, "auto"; JSON has none."""
+    """A value for a file: "auto" for infinity, the value of an axis that the camera sets. JSON has no infinity.
+
+    >>> plain(math.inf), plain(0.5)
+    ('auto', 0.5)
+    """
     return "auto" if value == math.inf else value
 
 
 def finite(value: float | None) -> float | None:
-    """The value, or None for what is none, infinite or not a number."""
+    """The value; None if it is None, infinite or NaN.
+
+    >>> finite(0.5), finite(math.nan)
+    (0.5, None)
+    """
     return float(value) if value is not None and math.isfinite(value) else None
 
 
 def csv_lines(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> Iterator[str]:
-    """A table as lines of CSV, its header first."""
+    """A table as lines of CSV, with a header.
+
+    >>> list(csv_lines(["image", "gain_db"], [{"image": "=1+1", "gain_db": math.inf}]))
+    ['image,gain_db\\r\\n', "'=1+1,auto\\r\\n"]
+    """
     yield csv_text([columns])
     for row in rows:
         yield csv_text([[plain(row.get(name)) for name in columns]])
@@ -37,8 +49,8 @@ def csv_text(rows: Iterable[Sequence[Any]]) -> str:
 
 
 def guarded(value: Any) -> Any:
-    """A text that a spreadsheet would compute begins with an apostrophe more; numbers are as they are.
+    """Put an apostrophe in front of a text that a spreadsheet would compute; numbers are returned unchanged.
 
-    Names of classes, models and pictures may be anybody's. Source: CWE-1236; OWASP ASVS 5.0, requirement 1.2.10.
+    Names of classes, models and pictures may come from anyone. Source: CWE-1236; OWASP ASVS 5.0, requirement 1.2.10.
     """
     return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value

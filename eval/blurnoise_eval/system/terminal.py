@@ -1,6 +1,6 @@
-"""The terminal: all that commands print goes through here, because names in files are anybody's.
+"""The terminal: all output of the commands goes through here, because names in files may come from anyone.
 
-Text is shown as it stands: square brackets and colons are no markup, and what would steer a terminal is a "?".
+Text is printed literally: square brackets and colons are not markup, and a "?" replaces control characters.
 """
 
 from __future__ import annotations
@@ -22,34 +22,42 @@ if TYPE_CHECKING:
 
 PROSE = 79
 """Columns of a paragraph."""
-_PIPE_WIDTH = 10_000  # of tables, whose rows are a line each there
+_PIPE_WIDTH = 10_000  # of tables in a pipe or a file: one line per row, for other programs
 
 
 def plain(text: object) -> str:
-    """The text in one line: spaces for line breaks, "?" for control and format characters and lone surrogates."""
+    """The text in one line: spaces for line breaks, "?" for control and format characters and lone surrogates.
+
+    >>> plain("red \\x1b[31m\\nsign")
+    'red ?[31m sign'
+    """
     return "".join(
         letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in str(text)
     )
 
 
 def shortened(text: str, most: int = 1000) -> str:
-    """The text, of more than ``most`` characters only begin and end."""
+    """The text; if it has more than ``most`` characters, its begin and end.
+
+    >>> shortened("abcdefgh", 4)
+    'ab ... gh'
+    """
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
 
 
 def say(*lines: object, error: bool = False) -> None:
-    """Print each of these as one plain line, on standard output or standard error."""
+    """Print each argument as one plain line, on standard output or standard error."""
     for line in lines:
         print(plain(line), file=sys.stderr if error else sys.stdout)
 
 
 def say_json(value: Any) -> None:
-    """Print one line of JSON, in ASCII. Raises ``ValueError`` for what JSON has no word for."""
+    """Print one line of JSON, in ASCII. Raises ``ValueError`` for infinity and NaN, which JSON does not have."""
     print(json.dumps(value, allow_nan=False))
 
 
 def width() -> int | None:
-    """Columns of the terminal, or as many as COLUMNS says; None where standard output is a pipe or a file."""
+    """The columns of the terminal, or COLUMNS; None if standard output is a pipe or a file."""
     if "COLUMNS" not in os.environ and not sys.stdout.isatty():
         return None
     return max(shutil.get_terminal_size().columns, 20)
@@ -58,9 +66,12 @@ def width() -> int | None:
 def paragraph(
     text: str, width: int | None = None, indent: int = 0, hanging: int = 0, *, whole: bool = False
 ) -> list[str]:
-    """The text in lines of at most ``width`` columns; without a terminal (None) of 79, no word broken.
+    """The text in lines of at most ``width`` columns; without a terminal (None), of 79, and without broken words.
 
-    indent, hanging: spaces before the first line and before the others. whole: break no word, however long.
+    indent, hanging: spaces before the first line and before the others. whole: break no words.
+
+    >>> paragraph("four words of text", 10, hanging=2)
+    ['four words', '  of text']
     """
     wrapper = textwrap.TextWrapper(width or PROSE, " " * indent, " " * hanging, break_on_hyphens=False)
     wrapper.break_long_words = width is not None and not whole
@@ -68,13 +79,13 @@ def paragraph(
 
 
 def say_wrapped(text: str, indent: int = 0, hanging: int = 0, *, error: bool = False) -> None:
-    """Print a paragraph, of 79 columns where there is room."""
+    """Print a paragraph of at most 79 columns."""
     wide = width()
     say(*paragraph(plain(text), wide and min(wide, PROSE), indent, hanging), error=error)
 
 
 def show(*tables: Table) -> None:
-    """Print tables of rich in the width of the terminal, else in 80 columns: titles, headings, cells and captions."""
+    """Print tables of rich with titles and captions, in the width of the terminal, else in 80 columns."""
     for table in tables:
         title, caption = table.title, table.caption
         table.title = table.caption = None
@@ -94,7 +105,13 @@ def table_lines(
     *,
     rule: bool = True,
 ) -> list[str]:
-    """A table in lines of at most ``width`` columns. right: which columns hold numbers. rule: below the headings."""
+    """A table in lines of at most ``width`` columns. right: the columns that hold numbers. rule: below the headings.
+
+    >>> print(*table_lines(["name", "n"], [["sign", "12"]], [False, True]), sep="\\n")
+    name   n
+    --------
+    sign  12
+    """
     from rich.table import Table
 
     table = Table()
@@ -106,7 +123,7 @@ def table_lines(
 
 
 def _lines_of(table: Table, width: int | None, *, rule: bool = True) -> list[str]:
-    """Two spaces between columns; words wider than their column are broken, nothing is left out."""
+    """The lines of a table with two spaces between columns. Words that are wider than their column are broken."""
     from rich.box import Box
 
     ruled = Box("\n".join(["    ", "    ", " -- ", *["    "] * 5, ""]), ascii=True)
@@ -120,14 +137,14 @@ def _lines_of(table: Table, width: int | None, *, rule: bool = True) -> list[str
 
 
 def text_console(**options: Any) -> Console:
-    """A console of rich to which square brackets and colons are no markup. options: rich's own."""
+    """A console of rich without markup. options: those of rich."""
     from rich.console import Console
 
     return Console(markup=False, emoji=False, highlight=False, **options)
 
 
 def accept_all_text() -> None:
-    """Standard output and error show a letter that their encoding does not have as "?"; closed ones take all text."""
+    """Print "?" for letters that the encoding of standard output or error does not have; ignore closed ones."""
     sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -136,7 +153,7 @@ def accept_all_text() -> None:
 
 @contextmanager
 def plain_warnings() -> Iterator[None]:
-    """Warnings are a plain line each meanwhile; that a font lacks a letter of somebody's name is none."""
+    """Print warnings as plain lines, but none about letters that a font does not have."""
     before = warnings.formatwarning
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph \d+ .*missing from", UserWarning)

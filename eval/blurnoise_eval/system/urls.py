@@ -1,12 +1,12 @@
 """Files at URLs: objects of S3, Google Cloud Storage and Hugging Face, through fsspec and universal_pathlib.
 
-A ``Location`` is a ``Path`` or, at a URL, a ``UPath``. What is read is copied into this machine's cache first, whole,
-under the version that it has there: BLURNOISE_CACHE names the folder, by default ``blurnoise`` in XDG_CACHE_HOME or
-~/.cache. Endpoints and credentials come from the environment, as botocore (AWS_ENDPOINT_URL, AWS_PROFILE,
-AWS_ACCESS_KEY_ID) and fsspec (FSSPEC_S3_ANON) read it; none is printed or kept.
+A ``Location`` is a ``Path`` or, at a URL, a ``UPath``. Objects are copied whole into a cache on this machine before
+they are read, under their version: in BLURNOISE_CACHE, by default ``blurnoise`` in XDG_CACHE_HOME or ~/.cache.
+Endpoints and credentials come from the environment, as botocore (AWS_ENDPOINT_URL, AWS_PROFILE, AWS_ACCESS_KEY_ID)
+and fsspec (FSSPEC_S3_ANON) read it; they are neither printed nor stored.
 
-The libraries try again what may pass. What fails is an ``OSError`` of one line with the URL: ``FileNotFoundError``
-for what is missing, ``PermissionError`` for what is denied.
+The libraries retry after temporary errors. Other errors are an ``OSError`` of one line with the URL:
+``FileNotFoundError`` for missing objects, ``PermissionError`` for denied ones.
 """
 
 from __future__ import annotations
@@ -43,18 +43,26 @@ _MISSING = (FileNotFoundError, NotADirectoryError)
 
 
 def is_url(text: object) -> bool:
-    """Whether it is meant as a URL."""
+    """Whether a text is meant as a URL.
+
+    >>> is_url("s3://bucket/run"), is_url("C:/run")
+    (True, False)
+    """
     return isinstance(text, str) and re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", text) is not None
 
 
 def without_secrets(text: str) -> str:
-    """A word of a command, or a message, without the users, passwords and queries of URLs in it."""
+    """A text without the users, passwords and queries of its URLs.
+
+    >>> without_secrets("denied: s3://me:secret@bucket/run?token=1")
+    'denied: s3://bucket/run'
+    """
     text = re.sub(r"(\b[A-Za-z][A-Za-z0-9+.-]*://)[^/\s@]*@", r"\1", text)
     return re.sub(r"(\b[A-Za-z][A-Za-z0-9+.-]*://[^\s?'\"]*)\?[^\s'\"]*", r"\1", text)
 
 
 def location(text: str | Location) -> Any:
-    """The ``Path`` or ``UPath`` that is named; ``file://`` is a path.
+    """The ``Path`` or ``UPath`` of a text; ``file://`` is a path.
 
     Raises ``ValueError`` for an unknown scheme, an address outside any bucket, a password or a query; ``OSError``
     where a package is missing.
@@ -90,7 +98,7 @@ def location(text: str | Location) -> Any:
 
 @contextmanager
 def explained(url: object) -> Iterator[None]:
-    """What fails inside becomes an ``OSError`` of one line with the URL; each storage has exceptions of its own."""
+    """Turn the exceptions of a storage, which differ by service, into an ``OSError`` of one line with the URL."""
     try:
         yield
     except Exception as error:
@@ -117,7 +125,8 @@ def _os_error(error: Exception, url: str) -> OSError:
 
 
 def version(file: Location) -> str:
-    """What changes whenever the file does: size and times here, size and tag of an object. Raises ``OSError``."""
+    """A text that changes whenever the file does: size and times of a file, size and tag of an object. Raises
+    ``OSError``."""
     if isinstance(file, Path):
         found = file.stat()
         return f"{found.st_size} {found.st_mtime_ns} {found.st_ctime_ns} {found.st_ino}"
@@ -136,7 +145,7 @@ def _version_in(info: Mapping[str, Any]) -> str:
 
 
 def listing(folder: Location) -> dict[str, str]:
-    """Versions of all files in the folder and below, by their names in it, as sub/picture.png. Raises ``OSError``.
+    """The versions of all files in the folder and below it, by names such as sub/picture.png. Raises ``OSError``.
 
     Links to folders are not followed. Objects whose names lead elsewhere, or mark a folder, are left out.
     """
@@ -156,10 +165,10 @@ def listing(folder: Location) -> dict[str, str]:
 
 
 def for_each(files: Mapping[str, Location], do: Callable[[Location], T]) -> dict[str, T]:
-    """What ``do`` returns for files, by their keys; for several at a time where they are objects.
+    """Call ``do`` for files and return the results by their keys; for objects, in several threads.
 
-    Missing files are left out, and denied objects: so S3 says that they are missing where it must not list them.
-    Raises ``OSError`` where all are denied, or storage does not answer.
+    Missing files are left out, and so are denied objects: S3 denies missing ones to users that must not list them.
+    Raises ``OSError`` if all are denied, or if the storage does not answer.
     """
     here = all(isinstance(file, Path) for file in files.values())
     missing = _MISSING if here else (*_MISSING, PermissionError)
@@ -180,7 +189,7 @@ def for_each(files: Mapping[str, Location], do: Callable[[Location], T]) -> dict
 
 
 def versions(folder: Location, names: Collection[str]) -> dict[str, str]:
-    """Versions of the files of these names in a folder, as :func:`for_each` has them."""
+    """The versions of the files with these names in a folder, as by :func:`for_each`."""
     if not isinstance(folder, Path) and len(names) > _FEW:
         with suppress(PermissionError):
             every = listing(folder)
@@ -189,10 +198,10 @@ def versions(folder: Location, names: Collection[str]) -> dict[str, str]:
 
 
 def local_file(file: Location, beside: Sequence[str] = (), known: str | None = None) -> Path:
-    """The file on this machine: a ``Path`` as it is; an object as its copy, together with others of its folder.
+    """The file on this machine: a ``Path`` unchanged; of an object, a copy, with copies of others from its folder.
 
-    beside: their names; missing ones are left out. known: the object's version, where that has been looked up.
-    Raises ``OSError``, also for an object that has changed.
+    beside: the names of the others; missing ones are left out. known: the version of the object, if it has been
+    looked up. Raises ``OSError``, also for an object that has changed.
     """
     if isinstance(file, Path):
         return file
@@ -220,7 +229,7 @@ def _download(url: UPath, known: str, copy: Path) -> None:
 
 
 def cache_folder() -> Path:
-    """Where copies are kept; what is not needed any more is removed by hand."""
+    """The folder of the copies. They are not removed automatically."""
     usual = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "blurnoise"
     return Path(os.environ.get("BLURNOISE_CACHE") or usual)
 

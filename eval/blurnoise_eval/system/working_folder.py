@@ -1,6 +1,6 @@
-"""A run at a URL: fetched into a folder of this machine, worked on there, and put back when the work ends or stops.
+"""A run at a URL: fetched into a folder of this machine, and put back when the work ends or is interrupted.
 
-SQLite needs a local disk. What a killed process has not put is computed again.
+SQLite needs a local disk. What a killed process has not put back is computed again.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _READ = (RUN_FILE, "examples/", "coco/instances.json")  # files of a run that ar
 
 @dataclass(frozen=True)
 class WorkingFolder:
-    """``path``, the ``url`` that it stands for, if any, and the ``command`` that a run in it gives as its origin."""
+    """The folder of a run. url: where the run is, if it is not here; command: the origin that the run reports."""
 
     path: Path
     url: Location | None = None
@@ -49,7 +49,7 @@ class WorkingFolder:
 
 
 def working_folder(where: str | Path | WorkingFolder) -> WorkingFolder:
-    """A folder of this machine. Raises ``ValueError`` for a URL, which is opened by the functions below."""
+    """A folder of this machine. Raises ``ValueError`` for a URL, which :func:`written_run` opens."""
     if is_url(where):
         shown = without_secrets(str(where))
         raise ValueError(f"run = {shown!r}: is a URL; open it with written_run")

@@ -7,7 +7,7 @@ import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import windows
 from blurnoise_eval.answers.exposure_window import answers, recommended
-from blurnoise_eval.answers.limits import ExposureLine, of_best, of_window
+from blurnoise_eval.answers.limits import TestedLine, of_best, of_window
 from blurnoise_eval.answers.recommendation import NEAR
 from hypothesis import given
 from hypothesis import strategies as st
@@ -180,7 +180,7 @@ UNKNOWN = (np.nan,) * 4
 def line(value, slower=None, *, moves=True, saturated=(0.0,) * 4, brightness=AIMED):
     shown = {"saturated": np.array(saturated)[:, None], "brightness": np.array(brightness)[:, None]}
     of = table(np.array(value)[None, :, None], X_S, [(100.0 * moves, 0.0)], **shown)
-    return ExposureLine(of, None if slower is None else np.array(slower))
+    return TestedLine(of, None if slower is None else np.array(slower))
 
 
 HILL = (0.2, 0.9, 0.95, 0.3)

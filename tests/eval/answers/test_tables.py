@@ -5,11 +5,12 @@ import pytest
 from blurnoise_eval.answers.curves import ScoreCurve
 from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.per_condition import Scored
+from blurnoise_eval.answers.rows import AnswerRow, CurveRow, ModelRow, RecommendationRow
 from blurnoise_eval.answers.table import tables_by_size
 from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.scoring.uncertainty import ClusterEstimate, left_out
-from blurnoise_eval.store.columns import ORIGINAL, AxisValues
-from blurnoise_eval.store.rows import ScoreRow
+from blurnoise_eval.store.columns import ORIGINAL, AxisValues, columns_of
+from blurnoise_eval.store.rows import CellRow, ScoreRow, TargetRow
 from plans import OWN
 
 PICTURES = 12
@@ -87,3 +88,11 @@ def test_of_many_models_alike_hardly_ever_one_is_behind():
         values = 0.5 + 0.1 * generator.normal(size=(20, 1)) + 0.05 * generator.normal(size=(20, 16))
         wrong += any((row.mpc_deficit.low or 0.0) > 0 for row in rows_of(values, values))
     assert wrong / 400 <= 0.05 + 0.022
+
+
+@pytest.mark.parametrize("row", [CellRow, TargetRow, AnswerRow, CurveRow, RecommendationRow, ModelRow])
+def test_every_column_says_what_it_means(row):
+    """In the guide's tables of columns, which are made of the records."""
+    columns = columns_of(row)
+    assert len({column.name for column in columns}) == len(columns) > 10
+    assert all(column.meaning for column in columns)

@@ -125,11 +125,8 @@ def test_rows_read_back_and_conditions_stay_apart(grid):
             assert {row.cell_id: row for row in store.cells()} == {i: of.cell for i, of in expected.items()}
             rows = queries.condition_counts(store, "m")
             assert [row.n_pictures for row in rows] == [1] * len(scores)
-            means = dict(queries.mean_confidences(store, "m"))
-            assert Counter(means.values()) == Counter(scores.values())
-            for row in rows:
-                answers = queries.answers_at(store, "m", row.conditions)
-                assert answers.scores.tolist() == [means[row.conditions]]
+            answers = [queries.answers_at(store, "m", row.conditions).scores.tolist() for row in rows]
+            assert Counter(score for (score,) in answers) == Counter(scores.values())
             write_exports(store)
             header = (Path(folder) / "results.csv").read_text().splitlines()[0].split(",")
             assert [name for name in header if name in NAMES] == list(NAMES)

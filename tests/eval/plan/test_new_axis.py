@@ -13,7 +13,7 @@ spec = importlib.util.find_spec("blurnoise_eval.plan.axes")
 source = Path(spec.origin).read_text(encoding="utf-8")
 entry = """    Axis(
         "read_noise_e", "camera.read_noise_e", "--read-noise-e", "of the amplifier, e-", "Read noise", "e-",
-        1.0, 0.0, 1e6, "read noise {} e-", "read{}e", own=lambda camera: camera.read_noise_e,
+        1.0, 0.0, 1e6, "read noise {} e-", "read{}e", own=lambda camera: camera.sensor.read_noise_e,
     ),
 """
 table, rest = source.split(")  # fmt: skip\\nNAMES")

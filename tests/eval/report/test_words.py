@@ -13,6 +13,7 @@ from blurnoise_eval.plan.axes import EGO, LIGHT, SETTING_AXES
 from blurnoise_eval.report import findings, settings, tables, words
 from blurnoise_eval.report.opening import opening, table_rows
 from blurnoise_eval.report.run import RunData
+from blurnoise_eval.scoring.scores import of_models
 from blurnoise_eval.store.columns import UNKNOWN, WithInterval
 from made_runs import THRESHOLD, made_run
 
@@ -101,7 +102,14 @@ def text_of(name, folder):
     lines = [f"== {name}", *shown.sentences, *(f"{title}: {text}" for title, text in shown.notes)]
     heads, rows, _ = table_rows(shown, 9, 9) if shown.rows else ([], [], 0)
     lines += [" | ".join(row) for row in ([shown.caption], heads, *rows) if row] + [shown.legend]
-    for title, _, cells in tables.model_rows(data) if shape.keys() & {"models", "kind"} else ():
+    scored = {score for row in (*data.models, *data.scores) for score in row.scores}
+    of_kind = of_models(shape.get("kind", "detector"))
+    shown_rows = (
+        zip(of_kind, tables.model_rows(data), strict=True) if shape.keys() & {"models", "kind"} else ()
+    )
+    for score, (title, _, cells) in shown_rows:
+        if score.of_model is None and score.name not in scored:
+            continue  # of a new score made-up runs have no value
         lines.append(
             f"{title}: {' | '.join(' '.join([kind, text, *more]).strip() for kind, text, more in cells)}"
         )

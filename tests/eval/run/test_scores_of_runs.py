@@ -14,6 +14,7 @@ from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.met_conditions import met_conditions
 from blurnoise_eval.run.score_tables import LEAST_AP50, dark_below, models_withheld, run_scores
 from blurnoise_eval.run.setup import Setup
+from blurnoise_eval.scoring import scores
 from blurnoise_eval.store.columns import AxisValues, WithInterval
 from blurnoise_eval.store.rows import ScoreRow
 from blurnoise_eval.store.store import Store
@@ -88,8 +89,8 @@ def test_more_pictures_make_no_group_known(targets, clean, withheld):
     """285 targets of 0.004 each make more than 1 in sum, and the model finds none of them."""
     of = {"n_targets": targets, "clean": clean, "reference": clean * targets}
     kept = table(np.ones((1, 1, 1)), [0.01], kept=True, **of)
-    assert kept.knows_too_little == withheld
-    assert not replace(kept, kept=False).knows_too_little
+    assert kept.reference_too_low == withheld
+    assert not replace(kept, kept=False).reference_too_low
 
 
 def test_ap_of_a_run_is_that_of_its_scores(run):
@@ -102,6 +103,19 @@ def test_ap_of_a_run_is_that_of_its_scores(run):
         kept = [each["confidence"][each["exposures_s"].index(exposure_s)] for each in every]
         assert sum(kept) == pytest.approx(sum(rows))
     assert [(each["clean_score"], each["n_targets"]) for each in every] == [(untouched["ap50"], 18)] * 2
+
+
+def test_a_new_score_answers_under_its_own_name(run, monkeypatch):
+    """0.123 everywhere is 0.123 in every answer, as a level and as a share of itself."""
+    constant = {"of_targets": lambda rows: np.full(len(rows.condition), 0.123)}
+    made_up = scores.Score("made_up", "Made up", **constant, criterion=("made up", "made up"))
+    monkeypatch.setattr(scores, "SCORES", (*scores.SCORES, made_up))
+    for question, expected in ((Question(threshold=0.1), 0.123), (Question(keep=0.9), 1.0)):
+        done = Run.open(run, replace(question, score="made_up"))
+        assert done.answers
+        values = [value for answer in done.answers for value in answer["confidence"]]
+        assert values == pytest.approx([expected] * len(values))
+        assert [row["made_up"] for row in done.scores] == pytest.approx([0.123] * len(done.scores))
 
 
 def test_dark_is_half_of_what_auto_exposure_aims_at():
