@@ -143,7 +143,9 @@ def test_the_fast_route_is_the_reference_stage_by_stage(alone, read_noise_e, noi
     The well beyond the converter, and cutting a third of the brighter picture.
     """
     figures = {figure for stage in stages.STAGES for figure in stage.figures if CAMERA.figure(figure) != ()}
-    busy = CAMERA.with_figures(read_noise_e=read_noise_e)
+    lines = {"row_noise_e": 4.0, "column_noise_e": 2.0, "black_level_drift_dn": 1.5, "prnu_row": 0.03}
+    lines |= {"prnu_column": 0.02, "dsnu_row_e": 5.0, "dsnu_column_e": 8.0}
+    busy = CAMERA.with_figures(read_noise_e=read_noise_e, **(lines if alone is None else {}))
     kept = {name: 0.0 for name in figures if alone is not None and name not in alone}
     camera = busy.with_figures(**kept, full_well_e=full_well_e)
     light = torch.rand(2, 3, 61, 47, generator=torch.Generator().manual_seed(1)) * 1.1 - 0.05

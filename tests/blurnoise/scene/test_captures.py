@@ -206,19 +206,6 @@ def test_developed_white_is_white(name, full_well_e):
     assert float(seen[..., 8:].mean()) == pytest.approx(half, abs=2e-3)
 
 
-def test_a_camera_file_states_captures(tmp_path):
-    (tmp_path / "mine.yaml").write_text(
-        "base: imx250\ncaptures: [{}, {exposure_ratio: 16}, {exposure_ratio: 256.0}]\n"
-    )
-    camera = Camera.load(tmp_path / "mine.yaml")
-    assert camera.sensor.captures == staggered(16, 256)
-    camera.save(tmp_path / "again.json")
-    assert Camera.load(tmp_path / "again.json") == camera
-    (tmp_path / "bad.yaml").write_text("base: imx250\ncaptures: [{}, {ratio: 16}]\n")
-    with pytest.raises(ValueError, match="captures: figure 'ratio' is unknown"):
-        Camera.load(tmp_path / "bad.yaml")
-
-
 LED = Pwm(90.0, 0.1)
 
 
@@ -239,7 +226,6 @@ def test_captures_that_cannot_be_taken_are_named(captures, message):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: Capture(0.0), r"exposure_ratio = 0\.0: must be"),
         (lambda: fuse([torch.ones(1, 1, 2, 3)], having(staggered(16))), "must be one per capture, 2"),
         (lambda: develop(torch.ones(1, 1, 2, 3), having(staggered(16))), r"must be \(2, B, C, H, W\)"),
         (lambda: develop(torch.ones(2, 1, 1, 2, 3), having(staggered(16))), "white_e: must be specified"),
