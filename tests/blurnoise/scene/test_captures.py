@@ -12,6 +12,7 @@ from blurnoise import (
     AutoExposure,
     Camera,
     Exposure,
+    Layer,
     Pwm,
     Scene,
     TakeOptions,
@@ -250,6 +251,35 @@ def test_a_lamp_s_mask_says_which_pixels_it_lights():
     assert int((ratio - 1).abs().gt(1e-5).sum()) == 2
 
 
+def test_pictures_without_a_lamp_have_layers_as_in_steady_light():
+    layers = [Layer(torch.full((1, 3, 4), 0.7), torch.ones(3, 4), (300.0, 0.0), (2, 1))]
+    scene = Scene(torch.full((2, 1, 8, 9), 0.3), layers=layers)
+    times = torch.full((2,), 0.01)
+    options = TakeOptions(("raw",))
+    several = IMX250.with_figures(captures=staggered(16))
+    steady, lit_by_lamp = (
+        take(scene, Exposure(several, times, 50.0, seed=[1, 2], lamp=lamp), options).raw
+        for lamp in (None, [None, LED])
+    )
+    for one, other in zip(steady, lit_by_lamp, strict=True):
+        assert torch.equal(one[0], other[0])
+        assert not torch.equal(one[1], other[1])
+
+
+@pytest.mark.parametrize("captures", [(), staggered(4)])
+def test_exposures_share_a_path_s_blur_only_if_they_last_alike(captures):
+    """At rest but for the path, of which a longer exposure sees more."""
+    scene = Scene(torch.rand(1, 1, 24, 31, generator=torch.Generator().manual_seed(1)))
+    path = Trajectory((-0.1, 0.0, 0.1), (0.0, 80.0, 0.0), (0.0, 30.0, 0.0))
+    camera = IMX250.with_figures(captures=captures)
+    exposures = [
+        Exposure(camera, exposure_s, 60.0, seed=1, trajectory=path) for exposure_s in (0.002, 0.01, 0.002)
+    ]
+    for exposure, frames in zip(exposures, take_each(scene, exposures), strict=True):
+        (alone,) = take_each(scene, [exposure])
+        assert torch.equal(frames.eight_bit, alone.eight_bit)
+
+
 def test_a_path_goes_on_in_the_next_capture():
     """At rest in the first, then 16 000 px/s for 0.625 ms: 5 px further in the middle, 10 px of blur."""
     light = torch.where(X.abs() < 10, 0.5, 0.0)[None, None, None]
@@ -322,7 +352,7 @@ def test_automatic_exposure_meters_the_first_capture():
     )
 
 
-@pytest.mark.parametrize("name", ["imx250", "imx250c"])
+@pytest.mark.parametrize("name", ["imx250", "imx250m", "imx250c"])
 def test_8_bits_are_the_picture_rounded(name):
     """Of one capture and of several, with and without a lamp; grey light comes back with its channels."""
     plain = Camera.preset(name)
@@ -336,6 +366,8 @@ def test_8_bits_are_the_picture_rounded(name):
     for exposure, frames in zip(exposures, take_each(scene, exposures), strict=True):
         (image,) = frames.images()
         picture = take(scene, exposure).picture
+        alone = take(scene, exposure, TakeOptions(("8 bit",))).eight_bit
+        assert torch.equal(alone, frames.eight_bit)
         assert image.shape == (24, 31, 3)
         assert np.abs(image / 255 - picture[0].permute(1, 2, 0).numpy()).max() <= 0.51 / 255
 
