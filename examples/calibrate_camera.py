@@ -45,5 +45,5 @@ with tempfile.TemporaryDirectory() as made:
 camera = camera_of(found, "mine")  # camera.save("mine.yaml") makes a file for --camera
 
 for name in ("system_gain_dn_per_e", "read_noise_e", "full_well_e", "black_level_dn"):
-    true = "" if len(sys.argv) > 1 else f" (true: {getattr(TRUE, name):.4g})"
+    true = "" if len(sys.argv) > 1 else f" (true: {TRUE.figure(name):.4g})"
     print(f"{name}: {camera.figure(name):.4g}{true}")

@@ -114,7 +114,8 @@ class LaterCapture(LightEffect):
 
 def _factors(light: Tensor, at: Resolved[Tensor], item: int) -> Tensor | float:
     """Factors (H, W) or (H, 1) on the light of one picture; 1 without a lamp."""
-    lamp, size = at.lamps[item], (light.shape[-2], light.shape[-1])
+    size = light.shape[-2], light.shape[-1]
+    lamp = at.lamps[item] if at.lamps else None  # () of the part of a batch that no lamp lights
     if lamp is None:
         return 1.0
     start_s, duration_s = at.windows_s[item]

@@ -170,7 +170,8 @@ class Motion(_Motion):
         return f"transfer function, {length}"
 
     def key(self, at: Resolved[float]) -> Hashable:
-        return at.displacement_px, at.trajectories
+        # How far a path leads during the exposure depends on its time, whatever the displacement.
+        return at.displacement_px, at.trajectories, at.exposure_s if at.trajectories else None
 
 
 class MotionVariation(_Motion):

@@ -273,7 +273,7 @@ def _capture(
         on_pixels = radiometry.on_sensor(lit, plan.camera, scene.illuminant)
         # The sensor: photons to electrons, their noise, gain, and the converter.
         to = None if out is None or isinstance(indices, list) else out[indices]
-        if to is None and shared is None and _owned(on_pixels, light):
+        if to is None and shared is None and tones is None and _owned(on_pixels, light):
             to = on_pixels  # the light is not needed again: its memory takes the digital numbers
         reading = ReadoutOptions(
             seeds=[seeds[item] for item in items],

@@ -9,10 +9,8 @@ from made_frames import from_photons
 from stage_moments import Moments
 
 from blurnoise import Camera
-from blurnoise._core import rng
 from blurnoise.light.resolved import Resolved
 from blurnoise.sensor import stages
-from blurnoise.sensor.stage import ReadoutFields
 
 BASE = Camera.preset("imx250").with_figures(
     name="bench",
@@ -70,27 +68,3 @@ def test_a_tenth_off_would_be_noticed(figure, photons):
     wrong = BASE.with_figures(**{figure: 1.1 * BASE.figure(figure)})
     with pytest.raises(AssertionError):
         check(frames(BASE, photons), expected(wrong, photons))
-
-
-NOISES = {"merged": ("normal",), "counts": ("normal", "read"), "exact": ("read",)}
-
-
-@pytest.mark.parametrize("law", NOISES)
-@pytest.mark.parametrize("mean_photo_e", [3.0, 60.0, 4000.0])
-def test_every_stage_does_what_its_moments_say(mean_photo_e, law):
-    """Mean and variance after each of them; shot and read noise are one step where one draw merges them."""
-    shape, one = (1, 1, 1, PIXELS), torch.ones(1, 1, 1, 1, dtype=torch.float64)
-    like = torch.empty(shape, dtype=torch.float64)
-    names = ("normal", "read", "prnu", "dsnu")
-    fields = {name: rng.standard_normal([seed], like, name) for seed, name in enumerate(names)}
-    point = Resolved(BASE, one * 0.1, one * 36.0, white_e=one * mean_photo_e)
-    gain, offset_e = 1 + BASE.sensor.prnu * fields["prnu"], BASE.sensor.dsnu_e * fields["dsnu"]
-    noises = {name: fields[name] for name in NOISES[law]}
-    at = ReadoutFields(
-        BASE, law, one * mean_photo_e, point.dark_e, [7], gain=gain, offset_e=offset_e, **noises
-    )
-    signal, moments = torch.ones(shape, dtype=torch.float64), Moments(one, 0 * one, 0 * one)
-    for stage in stages.STAGES:
-        moments, signal = stage_moments.after(stage, moments, point), stage.apply(signal, at)
-        if law != "merged" or stage not in (stages.SHOT_NOISE, stages.FULL_WELL):
-            check(signal, moments)

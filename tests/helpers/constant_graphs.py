@@ -1,6 +1,5 @@
 """Graphs with known answers: the same for every picture, or such that grow with its brightness."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,6 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 Values = NDArray[Any]
-Shape = Sequence[int | str]
 
 
 def answering_graph(

@@ -6,9 +6,6 @@ here, as every module of a package would have it: an edge to `a.__init__` stands
 """
 
 import ast
-from collections.abc import Mapping
-
-Graph = Mapping[str, set[str]]
 
 
 def modules(package, folder):

@@ -1,6 +1,5 @@
 """Populations over the plane of exposures with a closed form: what a search is to find is known exactly."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +8,6 @@ from blurnoise_eval.run.search_space import SearchLine, exposures_on
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Rates = Callable[[Array], Array]
-"""Places (M, 2) to the score of each of C pictures, (C, M)."""
 EXPOSURES = (1e-3, 90e-3)
 LIGHTS, SPEEDS = (2.0, 10.0, 45.0, 200.0, 1000.0), (0.0, 100.0, 400.0, 1600.0)
 LINES = [SearchLine(lux, (speed, 0.0)) for lux in LIGHTS for speed in SPEEDS]
@@ -21,13 +18,9 @@ REFERENCES = _RNG.gamma(2, 1, PICTURES)
 
 
 def photographs(places):
-    """Lost in the dark and in motion, each picture elsewhere; a third is lost to saturation."""
+    """The score of each of C pictures at places (M, 2), (C, M): lost in the dark and in motion, each picture
+    elsewhere; a third is lost to saturation."""
     return np.asarray(_unsaturated(places) * (1 - 0.3 / (1 + np.exp(-2 * (places[:, 0] - 3)))))
-
-
-def dips(places):
-    """Two windows at rest: half is lost about 2.8 lux s, and comes back."""
-    return np.asarray(_unsaturated(places) * (1 - 0.5 * np.exp(-(((places[:, 0] - 1.5) / 1.2) ** 2))))
 
 
 def _unsaturated(places):

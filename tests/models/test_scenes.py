@@ -196,15 +196,6 @@ def test_every_font_has_every_letter_that_is_written(font):
     assert len(set(widths)) > 20  # one box for all would stand for missing letters
 
 
-def test_letters_have_holes():
-    easel = drawing.Easel.blank(64, 64)
-    easel.text("O", (0, 0, 1, 1), (255, 255, 255))
-    coverage = easel.sprite()[..., 3]
-    assert coverage[32, 32] == 0
-    assert coverage[32, 4] == 1
-    assert 0.3 < coverage.mean() < 0.8
-
-
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [

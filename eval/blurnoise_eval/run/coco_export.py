@@ -17,7 +17,7 @@ from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.scoring.evaluated import Truth, coco_results
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.system.files import check_outputs, path_within, write_whole
+from blurnoise_eval.system.files import path_within, write_whole
 
 INSTANCES = Path("coco") / "instances.json"
 
@@ -118,7 +118,6 @@ def write_detections(store: Store, setup: Setup, folder: Path) -> list[Path]:
     ``OSError``.
     """
     written, truth_of, labels = [], truths(store, setup), read_truth(store)
-    check_outputs(folder, *detection_files(setup))
     folder.mkdir(parents=True, exist_ok=True)
     for model in setup.models:
         if (truth := truth_of(model)) is None:

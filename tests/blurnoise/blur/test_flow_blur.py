@@ -169,16 +169,8 @@ def test_a_constant_flow_is_the_uniform_motion_to_the_bit():
 
 
 @pytest.mark.parametrize("row_time_s", [0.0, 2e-5])
-def test_every_picture_has_its_own_flow(row_time_s):
-    """And with a plan it is the same to a thousandth of full scale; at rest it is as without."""
+def test_with_a_plan_a_flow_is_the_same_within_the_tolerance(row_time_s):
     camera = CAMERA.with_figures(row_time_s=row_time_s, shutter="rolling" if row_time_s else "global")
-    flow = torch.stack([FLOW, -0.3 * FLOW, 0 * FLOW])
-    together = simulate(pictures(3), camera, velocity_px_s=flow, generator=[1, 2, 3], **GIVEN)
-    for item in range(3):
-        at = {"velocity_px_s": flow[item], "generator": [item + 1], **GIVEN}
-        assert torch.equal(together[[item]], simulate(pictures(3)[[item]], camera, **at))
-    still = simulate(pictures(3)[[2]], camera, generator=[3], **GIVEN)
-    assert torch.equal(together[[2]], still)
     clean = {"noise": False, "quantised": False, "velocity_px_s": FLOW, **GIVEN}
     auto, full = (simulate(pictures(), camera, **clean, fidelity=way) for way in ("auto", "full"))
     assert float((auto - full).square().mean().sqrt()) < 0.1

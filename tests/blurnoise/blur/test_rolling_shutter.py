@@ -104,26 +104,6 @@ def test_the_whole_picture_up_to_its_border(velocity, border):
         assert float(asked.grad.abs().max()) > 0
 
 
-@pytest.mark.parametrize("direction_deg", [0.0, 90.0, 30.0])
-@pytest.mark.parametrize("reset", [False, True])
-def test_vibration_by_brute_force(direction_deg, reset):
-    """Along rows and across them to 0.1 DN, both, by sub-exposures a pixel apart, to 0.3; one window for all: 2."""
-    readout = Readout(SIZE[0], ROW_S, EXPOSURE_S, reset)
-    path = Trajectory.sinusoid(3.0, 80.0, 0.1, direction_deg=direction_deg, phase_rad=0.3)
-    brute = rolled(picture().numpy(), along(path), *readout.windows_s)
-    seen = of_rows(picture(), path, readout, "circular")
-    assert rms_dn(seen.numpy() / readout.light[:, None], brute) < (0.3 if direction_deg == 30.0 else 0.1)
-    together = Readout(SIZE[0], 0.0, EXPOSURE_S)
-    assert rms_dn(of_rows(picture(), path, together, "circular").numpy(), brute) > 2.0
-    light = picture().requires_grad_()
-    follows = of_rows(light, path, readout, "circular")
-    torch.testing.assert_close(follows, seen, rtol=0, atol=1e-9)
-    weights = torch.rand(light.shape, dtype=light.dtype, generator=torch.Generator().manual_seed(2))
-    (gradient,) = torch.autograd.grad((follows * weights).sum(), light)
-    total = float((seen * weights).sum())  # the way is linear in the light
-    assert float((gradient * light).detach().sum()) == pytest.approx(total, rel=1e-9)
-
-
 @pytest.mark.parametrize(
     ("amplitude_px", "frequency_hz", "exposure_s"),
     [(3.0, 2400.0, 0.01), (0.5, 1600.0, 0.01), (1.0, 480.0, 1 / 30)],
@@ -171,17 +151,6 @@ def test_off_is_as_it_was():
     assert torch.equal(simulate(light, none, **moving), simulate(light, GLOBAL, **moving))
     assert torch.equal(simulate(light, ROLLING, **still), simulate(light, GLOBAL, **still))
     assert not torch.equal(simulate(light, ROLLING, **moving), simulate(light, GLOBAL, **moving))
-
-
-def test_pictures_of_a_batch_do_not_meet():
-    light = torch.rand(3, 3, *SIZE, generator=torch.Generator().manual_seed(1))
-    moves = {"velocity_px_s": [(500.0, 300.0), (90.0, -20.0), (300.0, 0.0)], "generator": [1, 2, 3]}
-    moves |= {"trajectory": [None, *(Trajectory.sinusoid(3.0, 80.0, 0.1, direction_deg=d) for d in (0, 20))]}
-    camera = ROLLING.with_figures(defocus_radius_px=1.0)
-    together = simulate(light, camera, **TAKEN, **moves)
-    for item in range(3):
-        one = {name: value[item : item + 1] for name, value in moves.items()}
-        assert torch.equal(together[[item]], simulate(light[[item]], camera, **TAKEN, **one))
 
 
 def test_rows_are_read_in_the_sensor_s_time_and_upwards_as_downwards_of_the_flipped():

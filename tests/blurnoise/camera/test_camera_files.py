@@ -79,6 +79,7 @@ def test_quantum_efficiency_from_csv(tmp_path, column, values):
 
 BAD_FIELDS = [
     ({"read_noise": 3}, "'read_noise' is unknown; did you mean 'read_noise_e'"),
+    ({"falloff_power": 4}, "field 'falloff_power': must be in the mapping lens, as lens: {falloff_power: "),
     ({"iris": 3}, "'iris' is unknown; Known are base, name, pixel_pitch_um"),
     ({"read_noise_e": True}, "read_noise_e = True: must be a number"),
     ({"full_well_e": "1e4"}, "full_well_e = '1e4': must be a number, not text (YAML"),
@@ -88,9 +89,9 @@ BAD_FIELDS = [
     ({"name": "a\ud800"}, "ud800': must be text, without halves"),
     ({"defocus_counts_pixel": 1}, "defocus_counts_pixel = 1: must be true or false"),
     ({"black_level_dn": 4095}, "black_level_dn = 4095.0: must be finite and >= 0 and <= 4094"),
-    ({"read_noise_e": -1}, "read_noise_e = -1.0: must be finite and >= 0"),
     ({"full_well_e": "9" * 10**5}, "full_well_e = '999"),
     ({"base": "imx25"}, "base = 'imx25': must be one of 'ar0132at'"),
+    ({"captures": [{}, {"ratio": 16}]}, "captures: figure 'ratio' is unknown"),
     ({"sources": {"gain": "x"}}, "sources: field 'gain' is unknown"),
     ({"sources": {"f_number": 3}}, "sources.f_number = 3: must be text"),
     ({"quantum_efficiency": 60}, "quantum_efficiency = 60.0: must be finite and >= 0 and <= 1"),

@@ -179,7 +179,6 @@ ROWS = [[1, 0, 0], [0.1, 1, 0.1], [0, 0, 1]]
         (lambda: IMX250.with_figures(cfa="mono", white_balance=(1, 1, 2)), "white_balance: cfa = 'mono' has no"),
         (lambda: Curve((2.0, 1.0), (1.0, 1.0)), "wavelengths_nm"),
         (lambda: Curve((1.0, 2.0), (1.0, float("nan"))), "values"),
-        (lambda: spectra.photons_per_lux_s_um2("D99", ()), "illuminant"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(call, named):

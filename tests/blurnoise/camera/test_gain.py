@@ -106,7 +106,6 @@ def test_the_bend_stays_with_the_charge():
 
 REFUSED = [
     ("must be <= gain_max_db, 48", {"analogue_gain_max_db": 50.0}),
-    ("read_noise_post_share = 1.5", {"read_noise_post_share": 1.5}),
     ("up to analogue_gain_max_db, 24", {"conversion_gains": (ConversionGain(30.0, 2500.0, 1.5),)}),
     ("above 0", {"conversion_gains": (ConversionGain(0.0, 2500.0, 1.5),)}),
     ("must increase", {"conversion_gains": (ConversionGain(9.0, 9.0, 1.0), ConversionGain(6.0, 9.0, 1.0))}),

@@ -22,27 +22,6 @@ from blurnoise._core.files import read_document, read_samples
 from blurnoise._core.threads import side_by_side
 
 
-def test_item_depends_on_its_seed_alone():
-    like = torch.empty(3, 2, 17, 19)
-    together = rng.standard_normal([5, 6, 7], like)
-    assert torch.equal(together[1:2], rng.standard_normal([6], like[:1]))
-    assert torch.equal(together[[2, 0]], rng.standard_normal([7, 5], like[:2]))
-    assert not torch.equal(together[0], together[1])
-
-
-def test_bits_do_not_depend_on_threads():
-    like = torch.empty(1, 3, 200, 300)
-    before = torch.get_num_threads()
-    fields = []
-    for threads in (1, 2, 4):
-        torch.set_num_threads(threads)
-        fields.append((rng.standard_normal([3], like), rng.poisson(torch.full_like(like, 20.0), [3])))
-    torch.set_num_threads(before)
-    for normal, counts in fields[1:]:
-        assert torch.equal(normal, fields[0][0])
-        assert torch.equal(counts, fields[0][1])
-
-
 def test_generator_gives_one_seed_per_item():
     first = rng.item_seeds(torch.Generator().manual_seed(9), 4)
     assert len(set(first)) == 4

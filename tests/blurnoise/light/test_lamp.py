@@ -54,16 +54,3 @@ def test_rows_that_begin_later_see_bands():
     torch.testing.assert_close(rows[:400], rows[100:])
     assert len(rows[:100].unique()) > 10
     assert float(rows[:100].mean()) == pytest.approx(1.0, abs=0.02)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: Pwm(0.0, 0.1), "frequency_hz = 0.0: must be"),
-        (lambda: Pwm(90.0, 1.2), "duty = 1.2: must be"),
-        (lambda: LED.factor(-1.0), "exposure_s = -1.0: must be"),
-    ],
-)
-def test_bad_input_is_named(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()

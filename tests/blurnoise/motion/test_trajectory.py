@@ -20,7 +20,6 @@ EXACT = 5e-8  # the points of a path err by 4e-8 at most, the window by 5e-10
 FOCAL_PX = 1662.77  # 1920 px over 60 degrees
 CAMERA = Camera.preset("imx250")
 VIBRATION = Trajectory.sinusoid(4.0, 80.0, 0.05, direction_deg=30.0, phase_rad=0.5)
-SHAKE = shake(3, 12.0, 0.01, duration_s=0.05)
 LIT: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 100.0}
 
 
@@ -258,27 +257,6 @@ def test_gradients_of_picture_and_knots():
     assert torch.autograd.gradcheck(seen, (light, knots), fast_mode=True)
     (of_knots,) = torch.autograd.grad(seen(light, knots), knots)
     assert float(of_knots.abs().min()) > 1e-6
-
-
-def test_every_picture_has_its_own_and_depends_on_no_other():
-    """Bits of a batch are those one by one, with a lens too; where there is no path those of straight motion."""
-    light = torch.rand(3, 3, 41, 67, generator=torch.Generator().manual_seed(3))
-    paths = [VIBRATION, SHAKE, None]
-    taken: dict[str, Any] = {
-        "exposure_s": [0.01, 0.02, 0.004],
-        "velocity_px_s": [(100.0, 0.0), (50.0, 50.0), (900.0, -300.0)],
-        "generator": [1, 2, 3],
-    }
-    camera = Camera.from_dict({"base": "imx250", "name": "soft", "defocus_radius_px": 1.2})
-    for taker in (CAMERA, camera):
-        together = simulate(light, taker, illuminance_lux=100.0, trajectory=paths, **taken)
-        straight = simulate(light, taker, illuminance_lux=100.0, **taken)
-        assert torch.equal(together[2], straight[2])
-        assert not torch.equal(together[0], straight[0])
-        for item, path in enumerate(paths):
-            own = {name: value[item : item + 1] for name, value in taken.items()}
-            alone = simulate(light[item : item + 1], taker, illuminance_lux=100.0, trajectory=path, **own)
-            assert torch.equal(together[item : item + 1], alone)
 
 
 def test_plan_names_the_path_and_leaves_out_what_is_short():

@@ -256,16 +256,6 @@ def numbers(channels=3, side=24):
     return (wave + noise).round().clamp(0, 4095)
 
 
-def test_filmic_is_an_s_curve_of_srgb():
-    light = torch.linspace(-0.2, 1.4, 50)
-    coded = colour.toned(light, "filmic")
-    value = srgb_from_linear(light)
-    torch.testing.assert_close(coded, 3 * value**2 - 2 * value**3)
-    assert float(coded[0]) == 0
-    assert float(coded[-1]) == 1
-    assert float(colour.toned(torch.tensor(0.2140411), "filmic")) == pytest.approx(0.5, abs=1e-6)  # sRGB 0.5
-
-
 def test_points_are_joined_by_straight_lines():
     points = ((0.0, 0.1), (0.25, 0.5), (0.5, 0.5), (1.0, 0.9))
     light = torch.linspace(-0.5, 1.5, 81, dtype=torch.float64).requires_grad_()

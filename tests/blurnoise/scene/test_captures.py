@@ -12,6 +12,7 @@ from blurnoise import (
     AutoExposure,
     Camera,
     Exposure,
+    Layer,
     Pwm,
     Scene,
     TakeOptions,
@@ -205,19 +206,6 @@ def test_developed_white_is_white(name, full_well_e):
     assert float(seen[..., 8:].mean()) == pytest.approx(half, abs=2e-3)
 
 
-def test_a_camera_file_states_captures(tmp_path):
-    (tmp_path / "mine.yaml").write_text(
-        "base: imx250\ncaptures: [{}, {exposure_ratio: 16}, {exposure_ratio: 256.0}]\n"
-    )
-    camera = Camera.load(tmp_path / "mine.yaml")
-    assert camera.sensor.captures == staggered(16, 256)
-    camera.save(tmp_path / "again.json")
-    assert Camera.load(tmp_path / "again.json") == camera
-    (tmp_path / "bad.yaml").write_text("base: imx250\ncaptures: [{}, {ratio: 16}]\n")
-    with pytest.raises(ValueError, match="captures: figure 'ratio' is unknown"):
-        Camera.load(tmp_path / "bad.yaml")
-
-
 LED = Pwm(90.0, 0.1)
 
 
@@ -238,7 +226,6 @@ def test_captures_that_cannot_be_taken_are_named(captures, message):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: Capture(0.0), r"exposure_ratio = 0\.0: must be"),
         (lambda: fuse([torch.ones(1, 1, 2, 3)], having(staggered(16))), "must be one per capture, 2"),
         (lambda: develop(torch.ones(1, 1, 2, 3), having(staggered(16))), r"must be \(2, B, C, H, W\)"),
         (lambda: develop(torch.ones(2, 1, 1, 2, 3), having(staggered(16))), "white_e: must be specified"),
@@ -262,6 +249,35 @@ def test_a_lamp_s_mask_says_which_pixels_it_lights():
     assert float(ratio[1, 2]) == pytest.approx(10.0, rel=1e-5)
     assert float(ratio[2, 4]) == pytest.approx(1 + 0.25 * 9, rel=1e-5)
     assert int((ratio - 1).abs().gt(1e-5).sum()) == 2
+
+
+def test_pictures_without_a_lamp_have_layers_as_in_steady_light():
+    layers = [Layer(torch.full((1, 3, 4), 0.7), torch.ones(3, 4), (300.0, 0.0), (2, 1))]
+    scene = Scene(torch.full((2, 1, 8, 9), 0.3), layers=layers)
+    times = torch.full((2,), 0.01)
+    options = TakeOptions(("raw",))
+    several = IMX250.with_figures(captures=staggered(16))
+    steady, lit_by_lamp = (
+        take(scene, Exposure(several, times, 50.0, seed=[1, 2], lamp=lamp), options).raw
+        for lamp in (None, [None, LED])
+    )
+    for one, other in zip(steady, lit_by_lamp, strict=True):
+        assert torch.equal(one[0], other[0])
+        assert not torch.equal(one[1], other[1])
+
+
+@pytest.mark.parametrize("captures", [(), staggered(4)])
+def test_exposures_share_a_path_s_blur_only_if_they_last_alike(captures):
+    """At rest but for the path, of which a longer exposure sees more."""
+    scene = Scene(torch.rand(1, 1, 24, 31, generator=torch.Generator().manual_seed(1)))
+    path = Trajectory((-0.1, 0.0, 0.1), (0.0, 80.0, 0.0), (0.0, 30.0, 0.0))
+    camera = IMX250.with_figures(captures=captures)
+    exposures = [
+        Exposure(camera, exposure_s, 60.0, seed=1, trajectory=path) for exposure_s in (0.002, 0.01, 0.002)
+    ]
+    for exposure, frames in zip(exposures, take_each(scene, exposures), strict=True):
+        (alone,) = take_each(scene, [exposure])
+        assert torch.equal(frames.eight_bit, alone.eight_bit)
 
 
 def test_a_straight_path_is_the_velocity_along_it():
@@ -348,7 +364,7 @@ def test_automatic_exposure_meters_the_first_capture():
     )
 
 
-@pytest.mark.parametrize("name", ["imx250", "imx250c"])
+@pytest.mark.parametrize("name", ["imx250", "imx250m", "imx250c"])
 def test_8_bits_are_the_picture_rounded(name):
     """Of one capture and of several, with and without a lamp; grey light comes back with its channels."""
     plain = Camera.preset(name)
@@ -362,6 +378,8 @@ def test_8_bits_are_the_picture_rounded(name):
     for exposure, frames in zip(exposures, take_each(scene, exposures), strict=True):
         (image,) = frames.images()
         picture = take(scene, exposure).picture
+        alone = take(scene, exposure, TakeOptions(("8 bit",))).eight_bit
+        assert torch.equal(alone, frames.eight_bit)
         assert image.shape == (24, 31, 3)
         assert np.abs(image / 255 - picture[0].permute(1, 2, 0).numpy()).max() <= 0.51 / 255
 

@@ -174,18 +174,3 @@ def test_the_variance_after_rounding_holds_at_every_fraction_of_the_mean(read_dn
     error = 5 * np.sqrt((fourth - variance**2).clip(0) / n) + 10 * spread[:, 0] / math.sqrt(n) + 30 / n
     found = dn.var((1, 2, 3))
     assert (np.abs(found - variance) <= error + 1.2 * tolerance**2).all()
-
-
-def test_items_of_different_regimes_share_a_batch():
-    """Dark, bright, saturated, still and moving: each is what it would be alone."""
-    images = torch.rand(4, 3, 40, 50, generator=torch.Generator().manual_seed(3))
-    at: dict[str, Any] = {"exposure_s": torch.tensor([0.0, 1e-3, 0.03, 100.0]), "generator": [1, 2, 3, 4]}
-    at["illuminance_lux"] = torch.tensor([50.0, 1e-9, 80.0, 1e5])
-    at["velocity_px_s"] = torch.tensor([[0.0, 0.0], [5.0, 0.0], [400.0, 300.0], [0.01, 0.0]])
-    together = simulate(images, BUSY, **at)
-    for index in range(4):
-        own = {name: value[index : index + 1] for name, value in at.items()}
-        assert torch.equal(simulate(images[[index]], BUSY, **own), together[[index]])
-    full = together[3].double()  # wells, with read noise of 2.5 e- and 3 e- of fixed pattern
-    assert float(full.mean()) == pytest.approx(BUSY.sensor.clip_dn, abs=0.2)
-    assert float(full.std()) == pytest.approx(math.hypot(1.0, 1.2, 12**-0.5), rel=0.05)

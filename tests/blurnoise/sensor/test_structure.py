@@ -99,21 +99,6 @@ def test_bits_depend_on_neither_batch_nor_threads_nor_pieces(camera, fidelity, m
         torch.set_num_threads(threads)
 
 
-@pytest.mark.parametrize("white_e", [300.0, 9500.0])
-def test_the_fast_route_gives_the_references_frame(white_e, monkeypatch):
-    """But for rounding of single precision, and several lights of one frame share its rows."""
-    light = torch.rand(1, 3, 53, 71, generator=torch.Generator().manual_seed(1))
-    given = {"exposure_s": 0.02, "fixed_pattern": STRAIGHT.sensor.fixed_pattern((3, 53, 71), 3)}
-    lights, lights_e = light.expand(2, -1, -1, -1), [white_e, 100.0]
-    fast = sensor.read_out(light, STRAIGHT, white_e=white_e, generator=[5], **given)
-    both = sensor.read_out(lights, STRAIGHT, white_e=lights_e, generator=[5, 5], **given)
-    monkeypatch.setattr(fused, "supports", lambda active: False)
-    reference = sensor.read_out(light, STRAIGHT, white_e=white_e, generator=[5], **given)
-    assert torch.equal(both[:1], fast)
-    assert float((fast - reference).abs().max()) <= 1
-    assert float((fast != reference).double().mean()) < 1e-3
-
-
 @pytest.mark.parametrize(("place", "pixel", "row", "column"), [(0, 0.01, 0.03, 0.02), (1, 3.0, 5.0, 8.0)])
 def test_fixed_patterns_of_rows_and_columns(place, pixel, row, column):
     """Variances of the means of 400 rows and 500 columns, to 5 sqrt(2 / n) each, and what is left of the pixels."""

@@ -1,13 +1,20 @@
 """Labels as the tools write them: one object, 60 x 60 px at (50, 30) of pictures of 160 x 120 px, in every layout."""
 
 import json
+from itertools import chain
+from pathlib import Path
 from typing import Any
 
+import blurnoise_models
 import numpy as np
 import pytest
 from blurnoise_eval import label_formats
-from blurnoise_eval.datasets import PictureSet, write_picture
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import PictureSet, rendered_signs, write_picture
+from blurnoise_eval.datasets.folder import Listed
+from blurnoise_eval.datasets.selection import Selection
 from blurnoise_eval.label_formats import LABEL_FORMATS, LabelFormat, format_of
+from blurnoise_eval.run.run import Run
 
 BOX = (50.0, 30.0, 110.0, 90.0)
 LINE = "0 0.5 0.5 0.375 0.5\n"
@@ -279,13 +286,41 @@ def test_what_is_not_read_says_so(tmp_path, tool):
     assert "\n" not in str(caught.value)
 
 
+def boxes_of(file, **options):
+    """A made-up reader: lines file,x0,y0,x1,y1,class of one picture."""
+    selection = Selection("table", file, **options)
+    rows = [line.split(",") for line in file.read_text().splitlines()[1:]]
+    (name,) = selection.names([rows[0][0]])
+    targets = [selection.target(row[5], tuple(map(float, row[1:5])), picture=name) for row in rows]
+    return selection.picture_set([Listed(name, tuple(chain(*targets)))])
+
+
 def test_a_new_format_is_one_entry(tmp_path, monkeypatch):
-    """It is recognised, opened, and in the help."""
-    made_up = LabelFormat(
-        "dots", "Dots", lambda labels: labels.suffix == ".dots", lambda place, **options: (place, options)
+    """Although such files were refused: it is recognised, probed, swept, and its pictures are found again."""
+    monkeypatch.chdir(tmp_path)
+    picture = rendered_signs().pictures[0]
+    boxes = [target.box_xyxy for target in picture.targets]
+    write_picture("a.png", picture.load())
+    lines = ["file,x0,y0,x1,y1,class", *(f"a.png,{','.join(map(str, box))},stop sign" for box in boxes)]
+    Path("a.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(ValueError, match=r"^labels = 'a\.csv': is a table \(CSV\), which is not read"):
+        format_of(Path("a.csv"))
+    table = LabelFormat(
+        "table", "a table", lambda labels: labels.head.startswith("file,x0,"), boxes_of, (".csv",)
     )
-    monkeypatch.setattr(label_formats, "LABEL_FORMATS", (made_up, *LABEL_FORMATS))
-    (tmp_path / "a.dots").write_text("1 2")
-    assert format_of(tmp_path / "a.dots") is made_up
-    assert label_formats.format_named("dots") is made_up
-    assert all(each.help in label_formats.HELP for each in LABEL_FORMATS)
+    monkeypatch.setattr(label_formats, "LABEL_FORMATS", (table, *LABEL_FORMATS))
+    model = Path(blurnoise_models.__file__).parent / "stop_sign.onnx"
+    assert main(["inspect", str(model), "--probe", "a.csv"]) == 0
+    assert (
+        main(["sweep", *["--labels", "a.csv", "--exposure-ms", "5", "--lux", "10", "--dx", "0", "-o", "run"]])
+        == 0
+    )
+    with Run.open("run") as run:
+        assert run.setup.manifest["images"]["kind"] == "table"
+        assert [target.box_xyxy for target in run.picture("a.png").targets] == boxes
+    assert "data:image" in Path("run/failures.html").read_text(encoding="utf-8")
+
+
+def test_the_help_names_what_is_read():
+    read = [entry.help for entry in LABEL_FORMATS if not entry.instead]
+    assert all(text and text in label_formats.HELP for text in read)

@@ -331,8 +331,6 @@ def test_what_is_odd_is_flagged_and_what_is_not_is_not():
         (EDGE * 4000, {}, "above full_scale = 1"),
         (EDGE, {"black_level": 1.0}, "below full_scale"),
         (EDGE, {"roi": (100, 0, 40, 40)}, "inside the picture, 120 x 100 px"),
-        (EDGE, {"mode": "fast"}, "'exact', 'iso'"),
-        (EDGE, {"bootstrap": -1}, "bootstrap"),
     ],
 )
 def test_wrong_arguments_are_named(image, options, match):
