@@ -100,13 +100,3 @@ REFUSED = {
 @pytest.mark.parametrize(("change", "why"), REFUSED.values(), ids=REFUSED)
 def test_refused(planes, tmp_path, change, why):
     assert re.search(why, refused(tmp_path, change(planes)))
-
-
-def test_numbers_at_the_top_of_16_bits_are_counted_in_steps(planes, tmp_path):
-    assert "bit_depth = 10: allows numbers up to 1023" in refused(tmp_path, planes, bit_depth=10)
-    low = measure(made_frames.save(tmp_path / "low", planes))
-    high = measure(made_frames.save(tmp_path / "high", every(planes, lambda plane: 16 * plane)))
-    assert high.bit_depth == 12
-    assert any("multiples of 16" in note for note in high.notes)
-    for name, estimate in low.estimates.items():
-        assert high.estimates[name].value == pytest.approx(estimate.value, rel=1e-6), name

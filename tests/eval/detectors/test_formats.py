@@ -207,13 +207,8 @@ def constant_detector(path, family, answer):
 def boxes_with_scores(family, boxes_cxcywh, scores):
     """An answer in the family's layout that holds these boxes (N, 4), px, with class scores (N, 3)."""
     rows = np.zeros((3 * CELLS if family == "yolov5" else CELLS, 8), np.float32)
-    rows[:, 4] = 1 if family == "yolov6" else 0
     count = len(scores)
     rows[:count, :4], rows[:count, 4], rows[:count, 5:] = boxes_cxcywh, 1, scores
-    if family == "yolox":  # the first cells are those of stride 8, row by row
-        column_row = np.stack([np.arange(count) % 12, np.arange(count) // 12], axis=1)
-        rows[:count, :2] = boxes_cxcywh[:, :2] / 8 - column_row
-        rows[:count, 2:4] = np.log(boxes_cxcywh[:, 2:] / 8)
     return np.delete(rows, 4, axis=1).T.copy() if family == "yolov8" else rows
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from blurnoise_eval.calibration import fit, to_camera
-from blurnoise_eval.calibration.formats import RawLayout
 from blurnoise_eval.cli import main
 from blurnoise_eval.measure import classifier, frames
 from blurnoise_eval.measure.comparison import AGREES, DIFFERS, MeasureComparison
@@ -180,13 +179,6 @@ def test_what_cannot_be_compared_says_why(tmp_path, capsys, made, options, messa
     assert main(["validate", str(made), "-o", str(tmp_path / "out"), *options]) == 2
     assert message in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "out").exists()
-
-
-def test_small_raw_frames_are_compared(tmp_path):
-    made = folder(tmp_path / "frames", size=(32, 48), kind="raw")
-    validation = frames.validate(made, CAMERA, layout=RawLayout.parse("u16,48x32"), cfa="none")
-    assert validation.pairs[0].real.frames.shape == (2, 32, 48)
-    assert "behave like" in validation.answer
 
 
 def test_green_pixels_of_a_mosaic_are_compared(tmp_path):
