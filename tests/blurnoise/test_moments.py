@@ -32,7 +32,7 @@ def frames(camera, mean_photons, **options):
 
 
 def expected(camera, mean_photons):
-    """Mean and variance after rounding: K^2 (read^2 + dark + photo) + 1/12 DN^2 (EMVA 1288 eq. 13), and the pattern's.
+    """Mean and variance after rounding: K^2 (read^2 + dark + photo) + 1/12 DN^2 (EMVA 1288 eq. 13), and the pattern.
 
     At 36 degrees, two doublings of 8 degrees above 20.
     """
