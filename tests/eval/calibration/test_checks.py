@@ -88,7 +88,6 @@ REFUSED = {
     "bands": (lambda p: flats(p, banded), "flicker in bands"),
     "filtered": (lambda p: flats(p, blurred), "correlation of .* raw numbers"),
     "compressed": (lambda p: every(p, squeezed), "correlation of .* raw numbers"),
-    "the same frame twice": (lambda p: {key: [x[0], x[0]] for key, x in p.items()}, "is the same picture as"),
     "two exposures": (lambda p: dict(list(p.items())[:4]), "2 flat exposures with two frames or more; must be 3"),
     "no dark": (lambda p: {key: x for key, x in p.items() if key[0] == "flat"}, "dark frames are missing"),
     "one frame each": (lambda p: {key: x[:1] for key, x in p.items()}, "dark frames are missing; take two or more"),

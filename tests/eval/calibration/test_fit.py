@@ -45,9 +45,8 @@ def test_a_camera_is_found_in_two_frames_each_of_eight_exposures(tmp_path):
     assert widths["system_gain_dn_per_e"] < 0.015  # not so wide that they would hold anything
     assert widths["dark_current_e_s"] < 0.05
     assert widths["prnu"] < 0.1
-    assert found.clip_dn == pytest.approx(
-        CAMERA.sensor.clip_dn, abs=0.5
-    )  # read noise may lie on top of a full well
+    # read noise may lie on top of a full well
+    assert found.clip_dn == pytest.approx(CAMERA.sensor.clip_dn, abs=0.5)
     brightest = max(found.flat[index].mean_dn for index in found.used)  # up to 70 % of saturation
     assert brightest - CAMERA.sensor.black_level_dn < 0.71 * (
         CAMERA.sensor.clip_dn - CAMERA.sensor.black_level_dn

@@ -91,11 +91,8 @@ def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path):
         "doubtful labels: 9 of 9 boxes end outside of their picture or have no area: another size of the "
         "pictures? They are read as x, y, width, height",
     )
-    for size in (
-        {},
-        {"width": None, "height": None},
-        {"width": 0, "height": 0},
-    ):  # unknown: nothing is outside
+    # unknown: nothing is outside
+    for size in ({}, {"width": None, "height": None}, {"width": 0, "height": 0}):
         file = instances(tmp_path, images=[{**image, **size}], annotations=entries)
         assert len(coco(file).pictures[0].targets or ()) == 7
 

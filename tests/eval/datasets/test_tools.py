@@ -154,22 +154,18 @@ def test_cvat_without_its_pictures(tmp_path):
     assert [target.box_xyxy for target in picture.targets or ()] == [BOX]
 
 
-def test_ocr_lists_of_windows(tmp_path):
-    points = json.dumps([{"transcription": "GO", "points": [[50, 30], [110, 30], [110, 90], [50, 90]]}])
-    found = opened(
-        tmp_path, {"Label.txt": f"images\\a.png\t{points}\n", "images/a.png": PICTURE}, "Label.txt"
-    )
-    assert [target.box_xyxy for target in found.pictures[0].targets or ()] == [BOX]
-    assert found.pictures[0].load().shape == (120, 160, 3)
-
-
-@pytest.mark.parametrize(("texts", "count"), [("\t[]", 0), ("\t [{}]", 1), ("\t[ {}]", 1)])
-def test_ocr_lists_are_known_by_their_json(tmp_path, texts, count):
-    """Also after a space, and where no picture has a text."""
+@pytest.mark.parametrize(
+    ("line", "count"),
+    [("a.png\t[]", 0), ("a.png\t [{}]", 1), ("a.png\t[ {}]", 1), ("images\\a.png\t[{}]", 1)],
+)
+def test_ocr_lists_are_known_by_their_json(tmp_path, line, count):
+    """Also after a space, where no picture has a text, and with paths of Windows."""
     points = '{"transcription": "GO", "points": [[50, 30], [110, 30], [110, 90], [50, 90]]}'
-    line = f"a.png{texts.replace('{}', points)}\n"
-    found = opened(tmp_path, {"Label.txt": line, "a.png": PICTURE}, "Label.txt")
+    text = f"{line.replace('{}', points)}\n"
+    files = {"Label.txt": text, "a.png": PICTURE, "images/a.png": PICTURE}
+    found = opened(tmp_path, files, "Label.txt")
     assert [target.box_xyxy for target in found.pictures[0].targets or ()] == [BOX] * count
+    assert found.pictures[0].load().shape == (120, 160, 3)
 
 
 @pytest.mark.parametrize(
@@ -186,11 +182,8 @@ def test_absolute_paths_into_the_own_folder(tmp_path):
     listed = coco(f"{tmp_path}/images/a.png", "/old/images/b.png", "/old/images/c.png")
     files = {"coco.json": listed, "images/a.png": PICTURE, "images/b.png": PICTURE}
     found = opened(tmp_path, files, "coco.json")
-    assert [picture.name for picture in found] == [
-        "images/a.png",
-        "images/b.png",
-        "images/c.png",
-    ]  # the last is missing
+    # the last is missing
+    assert [picture.name for picture in found] == ["images/a.png", "images/b.png", "images/c.png"]
     assert "paths of another folder, whose ends are files of this one and are read: 1" in found.notes
 
 

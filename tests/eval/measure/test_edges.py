@@ -25,10 +25,8 @@ from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.metrics import Flag, information
 from blurnoise.metrics.values import Estimate
 
-BLACK, STEP = (
-    40.0,
-    2800.0,
-)  # of the pictures of 12 bits below, DN; their edges go from 400 to 3200 above black
+# of the pictures of 12 bits below, DN; their edges go from 400 to 3200 above black
+BLACK, STEP = (40.0, 2800.0)
 
 
 def raw(path, linear, noise_dn=0.0):

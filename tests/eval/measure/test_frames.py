@@ -156,9 +156,8 @@ def test_camera_counts_gains_as_its_fit_did(tmp_path):
     used = frames.validate(made, camera).camera
     assert used.sensor.system_gain_dn_per_e == pytest.approx(fitted.sensor.system_gain_dn_per_e)
     assert frames._at_gain(camera, 12.0) == camera.at_gain(6.0).camera
-    assert (
-        frames._at_gain(CAMERA, 6.0) == CAMERA.at_gain(6.0).camera
-    )  # 0 dB of a preset is that of the frames
+    # 0 dB of a preset is that of the frames
+    assert frames._at_gain(CAMERA, 6.0) == CAMERA.at_gain(6.0).camera
     with pytest.raises(ValueError, match="gain_db = 0; must be 6 to"):
         frames._at_gain(camera, 0.0)
 

@@ -92,11 +92,8 @@ def test_three_models_side_by_side(looked_at):
         assert len(set(start["colours"])) == 3  # a colour for each speed, as its legend has it
         assert start["written"]
         assert all(text.endswith("?") for text in start["written"])
-        assert (look["images"], look["bold"], look["title"]) == (
-            9,
-            0,
-            "Exposure sweep",
-        )  # no name became markup
+        # no name became markup
+        assert (look["images"], look["bold"], look["title"]) == (9, 0, "Exposure sweep")
         assert look["tap"] >= (40 if width < 640 else 28)
 
 
@@ -110,8 +107,6 @@ def test_every_axis_is_drawn_over_and_mapped(looked_at):
             ["Exposure / ms", "Speed / (px/s)"],
         )
         both = shots["f-number and temperature"]
-        assert (both["lines"], both["marks"]) == (
-            4,
-            4 * 3,
-        )  # one per exposure; at one speed, light, temperature
+        # one per exposure; at one speed, light, temperature
+        assert (both["lines"], both["marks"]) == (4, 4 * 3)
         assert (both["tiles"], both["map"]) == (4 * 2, ["Exposure / ms", "Sensor temperature / °C"])
