@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from blurs import flow_blur
 from brute_force import photograph
 
 from blurnoise import Camera, Exposure, Scene, motion_blur, plan, simulate
 from blurnoise._core.borders import BORDERS
+from blurnoise.blur.sub_exposures import exposed, flowing
 from blurnoise.camera import transfer
 from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
@@ -20,6 +20,15 @@ FLOW = torch.from_numpy(
     VIEW.flow_px_s(VIEW.pixels(), Vehicle().road_m(VIEW.rays(VIEW.pixels())), Vehicle().driving(14.0, 10.0))
 )
 GIVEN: dict[str, Any] = {"exposure_s": 0.05, "illuminance_lux": 300.0, "encoding": "linear"}
+
+
+def flow_blur(image, displacement_px, *, border="reflect"):
+    """Pictures (B, C, H, W) of which each pixel averages from d/2 before it to d/2 behind, d (2, H, W) or
+    (B, 2, H, W), px."""
+    sheets = flowing(image, displacement_px, border)
+    if all(sheet.moves.still for sheet in sheets):
+        return image
+    return torch.stack([exposed(sheet) for sheet in sheets])
 
 
 def scene(height, width, seed=0):

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from blurs import warped
 from brute_force import photograph, rms_dn, rolled
 from exposed_frames import budget
 from path_oracle import straight_path, vibration
@@ -43,6 +42,16 @@ def of_rows(light, path, readout, border):
 def rolled_at_once(light, moved, exposure, row_s, border):
     readout = Readout(light.shape[-2], row_s, float(exposure.detach()))
     return rows.rolled(light, Displacement(moved, exposure, readout), border)
+
+
+def warped(light, velocity_px_s, row_s, border):
+    """Pictures of which row i shows what was at (x - v_x tau_i, i - v_y tau_i)."""
+    x, y = velocity_px_s
+    height = light.shape[-2]
+    tau = (torch.arange(height, dtype=torch.float64) - (height - 1) / 2) * row_s
+    if y:
+        light = rows.mixed(light, *rows._lanczos_taps(-y * tau), border)
+    return rows.shifted_rows(light, x * tau, border)  # of rows as they are read, hence afterwards
 
 
 def in_uniform_motion(velocity, row_s=ROW_S, light=None, border="circular"):
