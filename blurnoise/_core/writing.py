@@ -23,6 +23,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import BinaryIO
 
 MANIFEST = ".blurnoise"
 """The list of what was written to a folder. Its names are those of files in that folder, none below or elsewhere."""
@@ -250,8 +251,9 @@ def _write_to(path: Path, unfinished: Path) -> None:
 def _note(path: Path, target: Path, unfinished: Path) -> None:
     """Add the new file to the folder's list, before it replaces the former; raise if it must not."""
     check_replaceable(path, unfinished)  # again: the file may have appeared meanwhile
-    size = unfinished.stat().st_size
-    content = size, _digest(unfinished, size)
+    with unfinished.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        content = size, _digest(file, size)
     if not target.exists():
         if (own := _WRITING.get()) is not None:
             own.made.append(target)
@@ -268,10 +270,15 @@ def _note(path: Path, target: Path, unfinished: Path) -> None:
 
 
 def _is_written(target: Path) -> bool:
-    """Whether the file has any content on the list, which may be ahead: a writer may end between list and file."""
-    held = _lines(target.parent / MANIFEST).get(target.name, set())
-    size = target.stat().st_size
-    return size in {each for each, _ in held} and (size, _digest(target, size)) in held
+    """Whether the file has any content on the list, which may be ahead: a writer may end between list and file.
+
+    The file is opened before the list is read. Another process notes a content before it takes the name, so that
+    the list has whatever is open here.
+    """
+    with target.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        held = _lines(target.parent / MANIFEST).get(target.name, set())
+        return size in {each for each, _ in held} and (size, _digest(file, size)) in held
 
 
 def _lines(manifest: Path) -> dict[str, set[tuple[int, str]]]:
@@ -302,15 +309,14 @@ def _opened(manifest: Path, how: int) -> Iterator[int]:
         os.close(handle)
 
 
-def _digest(path: Path, size: int) -> str:
+def _digest(file: BinaryIO, size: int) -> str:
     """A hash of the content; "" if its size has changed."""
     digest, left = hashlib.blake2b(digest_size=16), size
-    with path.open("rb") as file:
-        while data := file.read(min(_AT_ONCE, left + 1)):
-            left -= len(data)
-            digest.update(data)
-            if left < 0:
-                break
+    while data := file.read(min(_AT_ONCE, left + 1)):
+        left -= len(data)
+        digest.update(data)
+        if left < 0:
+            break
     return digest.hexdigest() if left == 0 else ""
 
 
