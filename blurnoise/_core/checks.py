@@ -120,21 +120,22 @@ def in_range(
     name: str, value: float, low: float = -math.inf, high: float = math.inf, *, above: bool = False
 ) -> float:
     """``value``, finite, as a float. Raises ``TypeError``, or ``ValueError`` unless ``low <= value <= high``; above:
-    unless ``low < value``.
-    """
-    try:
-        if isinstance(value, (str, bytes, bool, np.bool_)):
-            raise TypeError
-        if isinstance(value, Tensor) and (
-            _without_values(value) or value.dtype not in _REAL or value.ndim > 1
-        ):
-            raise TypeError
-        number = float(value)
-    except OverflowError:  # an integer beyond 1e308
-        number = math.inf
-    except (TypeError, ValueError, RuntimeError):
-        raise TypeError(f"{name} = {shown(value)}: must be a number") from None
-    if not math.isfinite(number) or number < low or number > high or (above and number == low):
+    unless ``low < value``."""
+    number = value
+    if type(value) is not float:  # as nearly every number is
+        try:
+            tensor = value if isinstance(value, Tensor) else None
+            unreal = tensor is not None and (
+                _without_values(tensor) or tensor.dtype not in _REAL or tensor.ndim > 1
+            )
+            if unreal or isinstance(value, (str, bytes, bool, np.bool_)):
+                raise TypeError
+            number = float(value)
+        except OverflowError:  # an integer beyond 1e308
+            number = math.inf
+        except (TypeError, ValueError, RuntimeError):
+            raise TypeError(f"{name} = {shown(value)}: must be a number") from None
+    if not -math.inf < number < math.inf or number < low or number > high or (above and number == low):
         raise OutOfRange(name, value, low, high, above)
     return number
 

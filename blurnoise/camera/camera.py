@@ -45,10 +45,14 @@ class Camera:
 
     def __hash__(self) -> int:
         """Hash of the figures in which cameras mostly differ: caches look cameras up several times a frame."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
         # Not of all figures: hashing curves takes longer than a rare comparison of cameras that differ elsewhere.
+        # Not of the name: a process that loads a pickled camera would hash the text differently.
         lens = self.lens
-        light = self.name, lens.f_number, lens.defocus_radius_px, lens.diffraction_wavelength_um
-        return hash((*light, self.sensor))
+        return hash((lens.f_number, lens.defocus_radius_px, lens.diffraction_wavelength_um, self.sensor))
 
     @property
     def optics(self) -> Optics:

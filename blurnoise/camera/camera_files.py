@@ -86,6 +86,8 @@ def completed(given: object, presets: Mapping[str, Any], source: str, folder: Pa
     if not isinstance(given, Mapping):
         raise TypeError(f"camera: must map fields to values, got {type(given).__name__}")
     for name in given:
+        if name in OVER_THE_FIELD:
+            raise ValueError(f"field {name!r}: must be in the mapping lens, as lens: {{{name}: ...}}")
         known("field", name, ("base", *KEYS))
     figures = [name for name in KEYS if name not in _NO_FIGURES]
     base: Mapping[str, Any] = {"sources": dict.fromkeys(figures, "assumed: the default, none was stated")}

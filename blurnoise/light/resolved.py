@@ -155,7 +155,7 @@ class Resolved(Generic[Number]):
                 self.illuminant,
                 self.size,
                 self.trajectories[one],
-                tuple(object_motion(layer, exposure_s, size) for layer in layers),
+                tuple(object_motion(layer, exposure_s, size) for layer in layers) if layers else (),
                 variation_px=varies_px,
                 lamps=self.lamps[one],
                 windows_s=self.windows_s[one],

@@ -27,9 +27,12 @@ enough below 1 that no clipped value takes part. The weight follows the noisy va
 by 1 / (saturation_e (high - low)): 0.06 % at 10 715 e-; smaller wells need a wider range."""
 
 
+_ONLY_CAPTURE = (Capture(),)
+
+
 def captures_of(camera: Camera) -> tuple[Capture, ...]:
     """The captures of a picture of this camera, at least one."""
-    return camera.sensor.captures or (Capture(),)
+    return camera.sensor.captures or _ONLY_CAPTURE
 
 
 def amplified(camera: Camera, gain_db: float) -> Amplified:

@@ -89,29 +89,30 @@ class Exposure(Generic[Number]):
         an_instance("vehicle", self.vehicle, Vehicle)
         if not isinstance(self.gain_db, AutoExposure):
             _ = self.amplified  # whose gain has limits of its own
-        for seed in self.seed if self.batched else [self.seed]:
+        batched = self.batched
+        for seed in self.seed if batched else [self.seed]:
             integer("seed", seed, 0, rng.LAST_SEED)
-        if not self.batched:
-            self._check_one()
+        if not batched:
+            self._check_one()  # type: ignore[misc]
         if self.drives and (self.moves == "targets" or bool(self._velocity.any())):
             given = f"ego_speed_m_s = {shown(self.ego_speed_m_s)}, or a vehicle that turns"
             raise ValueError(f"{given}: velocity_px_s must be (0, 0) and moves not 'targets'")
 
-    def _check_one(self) -> None:
+    def _check_one(self: Exposure[float]) -> None:
         """Check the values of one frame. Those of a batch are checked against its pictures."""
-        for name in _NUMBERS:
-            if name != "exposure_s" or not self.automatic_time:
-                limited(name, getattr(self, name))
+        exposure_s = 0.0 if self.automatic_time else limited("exposure_s", self.exposure_s)
+        limited("illuminance_lux", self.illuminance_lux)
+        limited("temperature_c", self.temperature_c)
         if not isinstance(self.velocity_px_s, tuple) or len(self.velocity_px_s) != 2:
             raise ValueError(f"velocity_px_s = {shown(self.velocity_px_s)}: must be two numbers (x, y)")
         for speed in self.velocity_px_s:
-            moved = limited("velocity_px_s", speed) * (0.0 if self.automatic_time else float(self.exposure_s))
+            moved = limited("velocity_px_s", speed) * exposure_s
             limited("displacement_px: velocity times exposure", moved, "displacement_px")
         if self.trajectory is not None:
             an_instance("trajectory", self.trajectory, Trajectory)
         if self.lamp is not None:
             an_instance("lamp", self.lamp, Pwm)
-        limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")  # type: ignore[arg-type]
+        limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")
 
     @property
     def _velocity(self) -> Tensor:
@@ -125,7 +126,7 @@ class Exposure(Generic[Number]):
     @property
     def automatic_time(self) -> bool:
         """Whether the auto-exposure sets the exposure time."""
-        automatic = isinstance(self.gain_db, AutoExposure) and not isinstance(self.exposure_s, Tensor)
+        automatic = isinstance(self.gain_db, AutoExposure)
         return automatic and isinstance(self.exposure_s, float) and math.isnan(self.exposure_s)
 
     @property

@@ -67,6 +67,8 @@ class Plan:
     def reduced(self, at: Resolved[Number]) -> Resolved[Number]:
         """The conditions with the omitted parts set to 0."""
         flow = None if MOTION_VARIATION.name in self.without else at.flow_px
+        if self.camera is at.camera and flow is at.flow_px:
+            return at
         return replace(at, camera=self.camera, flow_px=flow)
 
 

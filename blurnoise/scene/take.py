@@ -199,9 +199,9 @@ def _taken(
 ) -> Frames:
     """The frames of a batch: of each picture of the scene, or of its only one under each value of the exposure."""
     camera, digital_db = exposure.amplified
-    reader, several = readers(camera)[0], len(readers(camera)) > 1
+    reader, *later = readers(camera)
     tolerance_dn, tones = options.tolerance_dn, None
-    if options.wanted == ("8 bit",) and not several:
+    if options.wanted == ("8 bit",) and not later:
         # Gain and colours amplify what a raw frame omits; the tolerance is that of the picture.
         tolerance_dn /= max(1.0, 10 ** (digital_db / 20)) * magnification(camera, scene.illuminant)
         if tabulated(reader):  # each value depends on its own digital number alone: a table develops it
@@ -217,7 +217,7 @@ def _taken(
         return Frames(exposure, eight_bit=in_channels(raw[0], channels))
     lit_by: dict[str, Any] = {"illuminant": scene.illuminant, "gain_db": digital_db}
     dn = raw[0]
-    if several:  # fused in electrons of the first capture, of which those of white become 1 at any gain
+    if later:  # fused in electrons of the first capture, of which those of white become 1 at any gain
         dn, reader = torch.stack(raw), camera
         lit_by = {"illuminant": scene.illuminant, "white_e": _white_e(scene, exposure, batch) * options.white}
     picture = eight_bit = _NOT_WANTED
@@ -265,10 +265,10 @@ def _capture(
         indices = _run(items)
         # Lens and motion.
         if shared is None:
-            lit = _through(scene, light[indices], at if len(items) == batch else at.part(items), plan)
+            lit = _through(scene, light, at, plan, items)
         else:
             if key not in shared:
-                shared[key] = _through(scene, light[items[:1]], at.part(items[:1]), plan)
+                shared[key] = _through(scene, light, at, plan, items[:1])
             lit = shared[key]
         # The colour filters.
         on_pixels = radiometry.on_sensor(lit, plan.camera, scene.illuminant)
@@ -301,9 +301,10 @@ def _run(items: list[int]) -> slice | list[int]:
     return slice(items[0], items[-1] + 1) if items[-1] - items[0] < len(items) else items
 
 
-def _through(scene: Scene, light: Tensor, at: Resolved[Tensor], plan: Plan) -> Tensor:
-    """Light behind the lens, after all motion, without what the plan omits."""
-    return effects.through(light, plan.reduced(at), border=scene.border, without=plan.without)
+def _through(scene: Scene, light: Tensor, at: Resolved[Tensor], plan: Plan, items: list[int]) -> Tensor:
+    """Light of some frames behind the lens, after all motion, without what the plan omits."""
+    some = at if len(items) == len(light) else at.part(items)
+    return effects.through(light[_run(items)], plan.reduced(some), border=scene.border, without=plan.without)
 
 
 def _owned(on_pixels: Tensor, light: Tensor) -> bool:

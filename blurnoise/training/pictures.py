@@ -80,8 +80,9 @@ def expose_pictures(
 
     cuts: dict[int, Cut] = {}  # pictures of which a part moves: background and layers, in linear light
     for item, one in enumerate(exposures):
-        moving = one.drives or any(one.velocity_px_s)
-        matte = matte_of(masks[item]) if masks is not None and one.moves != "all" and moving else None
+        if masks is None or one.moves == "all" or not (one.drives or any(one.velocity_px_s)):
+            continue
+        matte = matte_of(masks[item])
         if matte is not None:
             light = scene_reflectance(scene[item : item + 1], encoding)
             of_targets = scene.new_tensor(one.velocity_px_s if one.moves == "targets" else (0.0, 0.0))
@@ -137,7 +138,7 @@ def exposures_of(exposure: Exposure | Sequence[Exposure], batch: int) -> list[Ex
 def _together(exposures: Sequence[Exposure], like: Tensor, *, cut: bool, lamps: bool) -> Exposure[Tensor]:
     """Exposures of one camera, gain and vehicle as a batch. cut: of the backgrounds, whose layers move on their own.
     lamps: whether any lamp lights the pictures."""
-    first = exposures[0]
+    first, drives = exposures[0], exposures[0].drives
     velocities = [(0.0, 0.0) if cut and one.moves == "targets" else one.velocity_px_s for one in exposures]
     of_each: dict[str, Any] = {
         name: [getattr(one, name) for one in exposures] for name in ("seed", "trajectory", "lamp")
@@ -148,11 +149,11 @@ def _together(exposures: Sequence[Exposure], like: Tensor, *, cut: bool, lamps: 
         first.camera,
         exposure_s=like.new_tensor([one.exposure_s for one in exposures]),
         illuminance_lux=like.new_tensor([one.illuminance_lux for one in exposures]),
-        velocity_px_s=(0.0, 0.0) if first.drives else like.new_tensor(velocities),
+        velocity_px_s=(0.0, 0.0) if drives else like.new_tensor(velocities),
         temperature_c=like.new_tensor([one.temperature_c for one in exposures]),
         gain_db=first.gain_db,
-        ego_speed_m_s=like.new_tensor([one.ego_speed_m_s for one in exposures]) if first.drives else 0.0,
-        vehicle=first.vehicle if first.drives else USUAL_VEHICLE,
+        ego_speed_m_s=like.new_tensor([one.ego_speed_m_s for one in exposures]) if drives else 0.0,
+        vehicle=first.vehicle if drives else USUAL_VEHICLE,
         **of_each,
     )
 

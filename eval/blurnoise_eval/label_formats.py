@@ -1,4 +1,4 @@
-"""Formats of labels: how each is recognised, opened and described. Formats that are not read say what to export.
+"""Formats of labels: how each is recognised, opened and described, and what to export from tools that write others.
 
 A format is an entry of ``LABEL_FORMATS``, in the order in which they are tried; nothing else lists them. Its reader
 is imported when a file is opened: help texts need the table.
@@ -15,8 +15,6 @@ from typing import Any
 
 from blurnoise_eval.system.urls import Location, local_file
 
-SUFFIXES = (".data", ".json", ".txt", ".xml", ".yaml", ".yml")
-"""Of files with labels."""
 _FIRST_NAMES = 100  # in a folder, of which folders are looked into
 _HEAD = 4096  # bytes of a file from which its format is recognised
 
@@ -35,14 +33,17 @@ class LabelFormat:
     """A format. name: the kind of its sets. help: what to pass, in the help of ``--labels``.
 
     recognises: whether labels are of it. open: a ``PictureSet`` from the labels, ``images`` and, unless it is of
-    texts, ``labels``, the classes to use. texts: for text recognisers; others are for detectors.
+    texts, ``labels``, the classes to use. suffixes: of its files. texts: for text recognisers; others are for
+    detectors. instead: of a format that is known but not read, what to do.
     """
 
     name: str
     help: str
     recognises: Callable[[Labels], bool]
     open: Callable[..., Any]
+    suffixes: tuple[str, ...] = ()
     texts: bool = False
+    instead: str = ""
 
 
 def _opener(name: str) -> Callable[..., Any]:
@@ -87,41 +88,64 @@ def _is_bdd(labels: Labels) -> bool:
     return labels.head.startswith("[") or frames
 
 
+def _not_read(name: str, sign: str, instead: str) -> LabelFormat:
+    """A format that is known by its beginning, a regular expression, but not read."""
+    begins = re.compile(sign, re.DOTALL)
+
+    def recognises(labels: Labels) -> bool:
+        return labels.suffix not in (".yaml", ".yml") and bool(labels.head and begins.match(labels.head))
+
+    def refuse(place: Location, **options: Any) -> Any:
+        raise ValueError(f"labels = {str(place)!r}: is {name}, which is not read; {instead}")
+
+    return LabelFormat(name, "", recognises, refuse, instead=instead)
+
+
+_AS_COCO = "export it as COCO"
 LABEL_FORMATS = (
-    LabelFormat("voc", "Pascal VOC folder or .xml", _is_voc, _opener("voc")),
-    LabelFormat("yolo", "YOLO data.yaml, obj.data or folder", _is_yolo, _opener("yolo")),
-    LabelFormat("bdd", "BDD100K or Scalabel JSON", _is_bdd, _opener("bdd")),
+    # First, because these look like formats that are read: CVAT's XML like VOC's, labelme's JSON like COCO's.
+    _not_read("CVAT's own XML", r"(<\?xml[^>]*>\s*)?<annotations\b", f"{_AS_COCO} 1.0 or PASCAL VOC 1.1"),
+    _not_read(
+        "labelme's JSON",
+        r'\{(?=.*"shapes"\s*:)(?=.*("imagePath"|"imageData"|"flags"))',
+        "convert the folder to COCO",
+    ),
+    _not_read("VIA's JSON", r'\{.*("_via_settings"|"file_attributes"|"shape_attributes")', _AS_COCO),
+    _not_read(
+        "Label Studio's JSON",
+        r'\[\s*\{(?=.*"data"\s*:)(?=.*"(annotations|completions|predictions)"\s*:)',
+        _AS_COCO,
+    ),
+    _not_read("Supervisely's JSON", r'\{(?!.*"images"\s*:)(?=.*"size"\s*:).*"objects"\s*:', _AS_COCO),
+    _not_read("CreateML's JSON", r'\[\s*\{(?=.*"image"\s*:)(?=.*"annotations"\s*:)', _AS_COCO),
+    _not_read(
+        "a list of a model's detections", r'\[\s*\{(?=.*"image_id"\s*:)(?=.*"score"\s*:)', "use the labels"
+    ),
+    _not_read(
+        "a list of annotations without pictures", r'\[\s*\{.*"image_id"\s*:', "use the whole instances file"
+    ),
+    _not_read("a table (CSV)", r"[^\t\n{\[<]*,[^\t\n{\[<]*(?:,[^\t\n]*){2,}\n", "convert it to COCO"),
+    LabelFormat("voc", "Pascal VOC folder or .xml", _is_voc, _opener("voc"), (".xml",)),
+    LabelFormat(
+        "yolo",
+        "YOLO data.yaml, obj.data or folder",
+        _is_yolo,
+        _opener("yolo"),
+        (".data", ".txt", ".yaml", ".yml"),
+    ),
+    LabelFormat("bdd", "BDD100K or Scalabel JSON", _is_bdd, _opener("bdd"), (".json",)),
     LabelFormat(
         "coco",
         "COCO instances",
         lambda labels: labels.suffix == ".json" or labels.head.startswith("{"),
         _opener("coco"),
+        (".json",),
     ),
-    LabelFormat("text", "PP-OCR text (.txt)", lambda labels: True, _opener("texts"), texts=True),
+    LabelFormat("text", "PP-OCR text (.txt)", lambda labels: True, _opener("texts"), (".txt",), texts=True),
 )
-HELP = f"labels: {', '.join(each.help for each in LABEL_FORMATS[:-1])}, or {LABEL_FORMATS[-1].help}"
-
-_AS_COCO = "export it as COCO"
-_NOT_READ = (
-    ("CVAT's own XML", r"(<\?xml[^>]*>\s*)?<annotations\b", f"{_AS_COCO} 1.0 or PASCAL VOC 1.1"),
-    (
-        "labelme's JSON",
-        r'\{(?=.*"shapes"\s*:)(?=.*("imagePath"|"imageData"|"flags"))',
-        "convert the folder to COCO",
-    ),
-    ("VIA's JSON", r'\{.*("_via_settings"|"file_attributes"|"shape_attributes")', _AS_COCO),
-    (
-        "Label Studio's JSON",
-        r'\[\s*\{(?=.*"data"\s*:)(?=.*"(annotations|completions|predictions)"\s*:)',
-        _AS_COCO,
-    ),
-    ("Supervisely's JSON", r'\{(?!.*"images"\s*:)(?=.*"size"\s*:).*"objects"\s*:', _AS_COCO),
-    ("CreateML's JSON", r'\[\s*\{(?=.*"image"\s*:)(?=.*"annotations"\s*:)', _AS_COCO),
-    ("a list of a model's detections", r'\[\s*\{(?=.*"image_id"\s*:)(?=.*"score"\s*:)', "use the labels"),
-    ("a list of annotations without pictures", r'\[\s*\{.*"image_id"\s*:', "use the whole instances file"),
-    ("a table (CSV)", r"[^\t\n{\[<]*,[^\t\n{\[<]*(?:,[^\t\n]*){2,}\n", "convert it to COCO"),
-)
-"""Formats that are known but not read: name, sign at the beginning of the file, and what to do."""
+"""All formats, in the order in which they are tried; a new one precedes those that would recognise its files, too."""
+_READ = [entry.help for entry in LABEL_FORMATS if not entry.instead]
+HELP = f"labels: {', '.join(_READ[:-1])}, or {_READ[-1]}"
 
 
 def labels_at(place: Location) -> Labels:
@@ -153,11 +177,21 @@ def format_of(place: Location) -> LabelFormat:
         raise ValueError(
             f"labels = {str(place)!r}: is a folder with JSON files; pass one, such as {jsons[0]}"
         )
-    # First, because these look like formats that are read: CVAT's XML like VOC's, labelme's JSON like COCO's.
-    for name, sign, instead in _NOT_READ:
-        if labels.head and labels.suffix not in (".yaml", ".yml") and re.match(sign, labels.head, re.DOTALL):
-            raise ValueError(f"labels = {str(place)!r}: is {name}, which is not read; {instead}")
-    return next(each for each in LABEL_FORMATS if each.recognises(labels))
+    entry = next(entry for entry in LABEL_FORMATS if entry.recognises(labels))
+    if entry.instead:
+        entry.open(place)
+    return entry
+
+
+def is_label_file(place: Location) -> bool:
+    """Whether a file has the suffix of labels.
+
+    >>> from pathlib import Path
+    >>> is_label_file(Path("instances.json")), is_label_file(Path("photo.jpg"))
+    (True, False)
+    """
+    suffix = PurePosixPath(place.name).suffix.lower()
+    return any(suffix in entry.suffixes for entry in LABEL_FORMATS)
 
 
 def format_named(name: str) -> LabelFormat | None:

@@ -107,7 +107,7 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (AutoExposure, METERED),
     (blurnoise.Capture, {"exposure_ratio": 4.0, "gain_db": 6.0}),
     (blurnoise.Pwm, {"frequency_hz": 90.0, "duty": 0.1, "phase": 0.5}),
-    (blurnoise.expose_numpy, {"image": np.zeros((2, 24, 31, 3), np.uint8), "exposure": ROLLS}),
+    (blurnoise.expose_numpy, {"image": np.zeros((2, 24, 31, 3), np.uint8), "exposure": ROLLS, "channels": "rgb"}),
     (blurnoise.labels_numpy, {"shape": (24, 31), "exposure": ROLLS, **LABELS}),
     (expose_pictures, {"image": PICTURES, "exposure": ROLLS}),
     (slanted_edge, MEASURING),

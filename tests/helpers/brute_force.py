@@ -31,6 +31,15 @@ def _taps(length, shifts_px):
     return np.asarray(weights / weights.sum(1, keepdims=True))
 
 
+def displaced(light, x_px, y_px):
+    """Planes (..., H, W) that wrap round, displaced to the right and down."""
+    down, across = (
+        _taps(size, np.array([px]))[0][(np.arange(size)[:, None] - np.arange(size)) % size]
+        for size, px in zip(light.shape[-2:], (y_px, x_px), strict=True)
+    )
+    return down @ light @ across.T
+
+
 def rolled(light, path, starts_s, stops_s, moments=128):
     """Row i exposed from starts_s[i] to stops_s[i], every row by as many moments of its own."""
     out = np.empty_like(light)

@@ -1,9 +1,13 @@
-"""What COCO's rules give, box by box and by the library faster-coco-eval. Boxes are (x0, y0, x1, y1) px."""
+"""What COCO's rules give, box by box and by COCO's own tools and faster-coco-eval. Boxes are (x0, y0, x1, y1) px."""
 
 from collections.abc import Sequence
+from contextlib import redirect_stdout
+from io import StringIO
 
 import numpy as np
+import pycocotools.coco
 from faster_coco_eval import COCO, COCOeval_faster
+from pycocotools.cocoeval import COCOeval
 
 Box = Sequence[float]
 
@@ -71,3 +75,17 @@ def average_precision(detections, targets_xyxy, class_id):
     judge.run()
     ap, ap50, ap75 = map(float, judge.stats[:3])
     return ap, ap50, ap75
+
+
+def stats_of_cocos_tools(truth, results):
+    """The twelve numbers of pycocotools' summary. truth: a file of instances, or its document."""
+    with redirect_stdout(StringIO()):
+        coco = pycocotools.coco.COCO(None if isinstance(truth, dict) else str(truth))
+        if isinstance(truth, dict):
+            coco.dataset = truth
+            coco.createIndex()
+        judge = COCOeval(coco, coco.loadRes(results), "bbox")
+        judge.evaluate()
+        judge.accumulate()
+        judge.summarize()
+    return judge.stats

@@ -2,7 +2,26 @@
 
 import torch
 
-from blurnoise import Exposure, Scene, TakeOptions, plan, take
+from blurnoise import Camera, Exposure, Scene, TakeOptions, plan, take
+from blurnoise.camera.lens import Lens
+from blurnoise.camera.sensor import Sensor
+
+BUSY = Camera(
+    "busy",
+    Lens(f_number=2.8, transmission=0.9, defocus_radius_px=1.2),
+    Sensor(
+        pixel_pitch_um=4.0,
+        quantum_efficiency=0.5,
+        full_well_e=9000.0,
+        system_gain_dn_per_e=0.4,
+        read_noise_e=2.5,
+        dark_current_e_s=30.0,
+        prnu=0.01,
+        dsnu_e=3.0,
+        black_level_dn=60.0,
+    ),
+)
+"""Every noise, and a lens."""
 
 
 def raw_frames(

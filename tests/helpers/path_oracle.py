@@ -1,4 +1,4 @@
-"""Transfer functions of paths in closed form: of segments, of vibration, of constant acceleration.
+"""Transfer functions of paths in closed form: of segments and of vibration.
 
 Frequencies in cycles/px, fx right and fy down, and H = mean over time of exp(-2 pi i f . x), x in px.
 """
@@ -6,7 +6,7 @@ Frequencies in cycles/px, fx right and fy down, and H = mean over time of exp(-2
 import math
 
 import numpy as np
-from scipy.special import fresnel, jv
+from scipy.special import jv
 
 from blurnoise import Trajectory
 
@@ -40,21 +40,6 @@ def vibration(along, frequency_hz, exposure_s, *, middle_s=0.0, phase_rad=0.0):
         waves = np.exp(-1j * k * angle) + (-1) ** k * np.exp(1j * k * angle)
         total = total + jv(k, x) * np.sinc(k * periods) * waves
     return np.asarray(total)
-
-
-def accelerated(along_velocity, along_acceleration, exposure_s):
-    """Constant acceleration x = v t + g t^2 / 2, t from -T/2 to T/2, by Fresnel's integrals; of f . v and f . g.
-
-    v is the velocity at mid-exposure: from rest, g T / 2, and then it has no zeros. Where f . g is 0 it is the sinc
-    of uniform motion.
-    """
-    v, g = np.broadcast_arrays(np.asarray(along_velocity, float), np.asarray(along_acceleration, float))
-    uniform = np.abs(g) * exposure_s**2 < 1e-6
-    rate = np.where(uniform, 1.0, g)
-    q = np.sqrt(2 * np.abs(rate))
-    (s1, c1), (s2, c2) = (fresnel(q * (t + v / rate)) for t in (-exposure_s / 2, exposure_s / 2))
-    curved = np.exp(1j * np.pi * v**2 / rate) / (q * exposure_s) * (c2 - c1 - 1j * np.sign(rate) * (s2 - s1))
-    return np.where(uniform, np.sinc(v * exposure_s), curved)
 
 
 def straight_path(velocity_px_s, duration_s):

@@ -16,8 +16,6 @@ from blurnoise_eval.scoring.scores import BOTH, Score, criteria
 
 CONFIDENCE, RATE, MATCHES = "target_confidence", "detection_rate", "exact_match"
 RECALL = "recall@"
-PRECISIONS = tuple(score.name for score in criteria("detector") if score.by_size)
-"""Scores of all targets of a size together; their groups are sizes."""
 KEPT, ENOUGH = 0.9, 0.6
 """The default: the share kept on the user's pictures, confidence in rendered signs and texts."""
 _MOST_ALARMS = 1e3
@@ -55,6 +53,11 @@ class Criterion:
         """The score; None of a recall at a rate of false alarms."""
         every = (score for kind in sorted(BOTH) for score in criteria(kind))
         return next((score for score in every if score.name == self.score), None)
+
+    @property
+    def of_sizes(self) -> bool:
+        """Whether it is a score of all targets of a size together, whose groups are sizes."""
+        return self.of is not None and self.of.by_size is not None
 
     @property
     def alarms_per_picture(self) -> float | None:

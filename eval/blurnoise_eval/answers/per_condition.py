@@ -121,6 +121,9 @@ def scored(
             found = replace(row, conditions=as_set, scores=scores)
             performance = evaluated.mean("exact_match") if truth is None else evaluated.average()
             sizes = {size: of_sizes(evaluated, size) for size in SIZES} if of_sizes else {}
+            if any(estimate.value is not None and estimate.influence is None for estimate in sizes.values()):
+                must = "must return the influence of each cluster, as uncertainty.left_out does"
+                raise ValueError(f"score {by_size!r}: by_size {must}")
             yield Scored(found, performance, sizes, evaluated.targets_by_size if of_sizes else {})
 
 

@@ -126,9 +126,9 @@ def _pictures(probe: Location) -> tuple[Pictures, tuple[str, ...]]:
     none can be read."""
     from blurnoise_eval.contracts.comparison import MOST_PICTURES
     from blurnoise_eval.datasets import eight_bit, image_folder, picture_doubts, read_picture, sample
-    from blurnoise_eval.label_formats import SUFFIXES, format_of
+    from blurnoise_eval.label_formats import format_of, is_label_file
 
-    labelled = probe.suffix.lower() in SUFFIXES
+    labelled = is_label_file(probe)
     if not labelled and not (isinstance(probe, Path) and probe.is_dir()):
         return [(probe, eight_bit(read_picture(probe)))], tuple(picture_doubts(probe.parent, [probe.name]))
     pictures = format_of(probe).open(probe) if labelled else image_folder(probe)

@@ -39,7 +39,7 @@ class Question(Settings):
     )
     score: Text | None = setting(
         None,
-        "score to judge by: target_confidence, detection_rate, recall@0.1 (recall at 0.1 false positives per "
+        "score to judge by, such as target_confidence, detection_rate, recall@0.1 (recall at 0.1 false positives per "
         "original picture), ap50, ap, or exact_match for text (default: target_confidence; exact_match for your own "
         "texts)",
         "NAME",

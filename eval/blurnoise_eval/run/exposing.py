@@ -109,8 +109,7 @@ class PictureScene:
                 scene, cut = self._cut_scene()[0].scene, list(group)
                 yield from take_each(scene, cut if scene.layers else map(_without_targets, cut), options)
             else:
-                whole = (replace(exposure, moves="all") for exposure in group)
-                yield from take_each(self.light, whole, options)
+                yield from take_each(self.light, map(_as_a_whole, group), options)
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
@@ -165,6 +164,10 @@ class PictureScene:
                 found = cut_out(self._picture, light, self.objects, scale, emitters)
                 self._cut = CutScene(found.cut, found.speeds, self.lamp_mask), found.targets
             return self._cut
+
+
+def _as_a_whole(exposure: Exposure) -> Exposure:
+    return exposure if exposure.moves == "all" else replace(exposure, moves="all")
 
 
 def _without_targets(exposure: Exposure) -> Exposure:
@@ -227,8 +230,9 @@ def brightest(exposure: Exposure, hdr_white: float = 1.0) -> int:
     Of several captures it is that of a pixel which is at a limit in all of them.
     """
     camera, digital_db = exposure.amplified
-    if len(readers(camera)) == 1:
-        return _brightest(readers(camera)[0], digital_db)
+    reader, *more = readers(camera)
+    if not more:
+        return _brightest(reader, digital_db)
     return _brightest_fused(camera, _white_e(exposure) * hdr_white)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from blurnoise.camera import Camera
 from blurnoise.picture.develop import tones_8bit
 from blurnoise_eval.answers.clusters import cluster_of
-from blurnoise_eval.answers.criterion import PRECISIONS, Criterion
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.per_condition import Scored, conditions_of, numbered, scored
 from blurnoise_eval.answers.recommendation import Averages, averages
@@ -49,12 +49,12 @@ def run_scores(
     criterion: Criterion,
     progress: Callable[[int], None] = lambda scores: None,
 ) -> list[Scored]:
-    """The scores of each model and condition; of a precision by the size of targets, too, if the criterion is one.
+    """The scores of each model and condition; by the size of targets, too, if the criterion is such a score.
 
     progress: called for each of them.
     """
     names = [score.name for score in of_conditions()]
-    by_size = criterion.score if criterion.score in PRECISIONS else None
+    by_size = criterion.score if criterion.of_sizes else None
     made_of: dict[str, Any] = {"of": queries.count_rows(store), "cluster": criterion.cluster}
     made_of |= {"by_size": by_size, "software": sources(), "scores": names}
     kept = store.about(_SCORES, own=True)
@@ -123,7 +123,7 @@ def score_tables(
 
     scores: of :func:`run_scores`, if they are known; they are needed for a score that belongs to no single target.
     """
-    if criterion.of is not None and criterion.of.by_size is not None:
+    if criterion.of_sizes:
         yield from tables_by_size(scores or run_scores(store, setup, criterion), criterion.kept)
         return
     for model in queries.models_seen(store):

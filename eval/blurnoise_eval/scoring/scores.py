@@ -37,9 +37,9 @@ class Score:
 
     kinds: of "detector" and "reader", as a run's manifest names them. A score has exactly one of four functions.
     of_targets: from rows of targets to the values that it is the mean of, NaN where a row has none. by_size: its
-    estimate of the answers under one condition, for targets of one of ``SIZES``. of: its estimate of the answers, or
-    a number without an interval, None where undefined. of_model: its value in a row of the table of models, of a
-    model as a whole.
+    estimate of the answers under one condition, for targets of one of ``SIZES``, with the influence of each cluster.
+    of: its estimate of the answers, or a number without an interval, None where undefined. of_model: its value in a
+    row of the table of models, of a model as a whole.
     charted: whether the page draws it. of_models: of which kinds the table of models has it, of the original
     pictures; meaning: what it is, there, missing: why it may have no value, digits: how it is written. criterion:
     what it is called where a share of it is kept, and where it reaches a level: so ``--score`` takes it.

@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from blurs import optical_blur
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
@@ -21,6 +20,11 @@ from blurnoise.camera.transfer import Optics, motion_error
 MOTIONS = st.tuples(st.floats(-30, 30), st.floats(-30, 30))
 OURS: tuple[Method, ...] = ("transfer", "tiles")
 TAIL = 1e-3  # of white, at most; 1e-4 RMS: what a margin of 8 px leaves of the tails in white noise
+
+
+def optical_blur(image, optics, *, border="reflect"):
+    """Blur by the lens."""
+    return exposure_blur(image, (0.0, 0.0), optics, border=border)
 
 
 def noise(*shape, dtype=torch.float64):

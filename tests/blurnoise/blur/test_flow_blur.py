@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from blurs import flow_blur
+from brute_force import photograph
 
 from blurnoise import Camera, Exposure, Scene, motion_blur, plan, simulate
 from blurnoise._core.borders import BORDERS
+from blurnoise.blur.sub_exposures import exposed, flowing
 from blurnoise.camera import transfer
 from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
@@ -21,14 +22,17 @@ FLOW = torch.from_numpy(
 GIVEN: dict[str, Any] = {"exposure_s": 0.05, "illuminance_lux": 300.0, "encoding": "linear"}
 
 
-def scene(height=241, width=321, seed=0):
-    """Texture of a 1/f spectrum in [0, 1] behind a lens, a Gaussian of 0.6 px, (1, 3, H, W)."""
-    random = torch.Generator().manual_seed(seed)
-    noise = torch.randn(1, 3, height, width, generator=random)
-    f = torch.hypot(torch.fft.fftfreq(height)[:, None], torch.fft.rfftfreq(width))
-    shaped = torch.exp(-2 * (torch.pi * 0.6 * f) ** 2) / (f + 0.5 / width)
-    smooth = torch.fft.irfft2(torch.fft.rfft2(noise) * shaped, s=(height, width))
-    return (0.4 + 0.2 * smooth / smooth.std()).clamp(0, 1)
+def flow_blur(image, displacement_px, *, border="reflect"):
+    """Pictures (B, C, H, W) of which each pixel averages from d/2 before it to d/2 behind, d (2, H, W) or
+    (B, 2, H, W), px."""
+    sheets = flowing(image, displacement_px, border)
+    if all(sheet.moves.still for sheet in sheets):
+        return image
+    return torch.stack([exposed(sheet) for sheet in sheets])
+
+
+def scene(height, width, seed=0):
+    return torch.from_numpy(photograph(height, width, seed, 3)).float()
 
 
 def uniform(x, y, image):

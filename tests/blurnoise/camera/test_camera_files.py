@@ -79,6 +79,7 @@ def test_quantum_efficiency_from_csv(tmp_path, column, values):
 
 BAD_FIELDS = [
     ({"read_noise": 3}, "'read_noise' is unknown; did you mean 'read_noise_e'"),
+    ({"falloff_power": 4}, "field 'falloff_power': must be in the mapping lens, as lens: {falloff_power: "),
     ({"iris": 3}, "'iris' is unknown; Known are base, name, pixel_pitch_um"),
     ({"read_noise_e": True}, "read_noise_e = True: must be a number"),
     ({"full_well_e": "1e4"}, "full_well_e = '1e4': must be a number, not text (YAML"),

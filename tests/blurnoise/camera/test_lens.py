@@ -245,19 +245,6 @@ def test_on_changes_the_picture_within_its_bound_and_the_plan_says_so(lens, stre
     assert stages[1].contribution_dn == 0
 
 
-def test_what_is_small_is_left_out():
-    slight = Distortion("opencv", (1e-9, 0.0, 0.0, 0.0))
-    faint = CAMERA.with_figures(
-        field_curvature_px=1e-3, lateral_red=1e-9, lateral_blue=1e-9, falloff_power=1e-6, distortion=slight
-    )
-    told = budget(faint, **LIT)
-    assert {"distortion", "lateral colour", "defocus", "vignetting"} <= told.without
-    frames: dict[str, Any] = {"noise": False, "quantised": False, **LIT}
-    auto, full = (simulate(picture(), faint, fidelity=way, **frames) for way in ("auto", "full"))
-    assert 0 < float((auto - full).square().mean().sqrt()) < 0.1
-    assert torch.equal(auto, simulate(picture(), CAMERA, **frames))
-
-
 def test_lateral_colour_moves_red_and_blue_against_green():
     """A dot 30 px right of the axis: red 1 % larger is 0.3 px further out; grey pictures have no colour."""
     camera, x = (

@@ -211,8 +211,11 @@ def test_edges_give_estimates_with_reasons():
     lost = slanted_edge(torch.full((50, 50), 0.5))
     (whole,), plain = edges(1, 20.0, sigma_px=0.5), slanted_edge(closed_edge(60, 60), bootstrap=0)
     assert isinstance(lost, SlantedEdge)
-    for found in (information.capacity_square(whole, lost), lost.estimate("mtf50")):
+    estimates = [information.capacity_square(whole, lost), information.neq_integral(lost, lost)]
+    estimates += [information.neq_0(lost), information.capacity_radial(lost), lost.estimate("mtf50")]
+    for found in estimates:
         assert (found.available, found.flags) == (False, {"no_edge"})
+        assert math.isnan(found.value)
         assert math.isnan(found.low)
     for name in ("cnr", "mtf50"):
         found = whole.estimate(name)
@@ -238,14 +241,3 @@ def test_without_noise_numbers_are_infinite_and_flagged(bright):
         assert math.isnan(found.low)
         assert "noiseless" in found.flags
     assert edge.estimate("michelson").available
-
-
-def test_nothing_is_measured_of_an_edge_without_numbers_and_the_reason_is_told():
-    edge = slanted_edge(torch.full((3, 40, 40), math.nan))
-    for found in (
-        information.neq_0(edge),
-        information.capacity_radial(edge),
-        information.neq_integral(edge, edge),
-    ):
-        assert math.isnan(found.value)
-        assert "not_finite" in found.flags

@@ -6,7 +6,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from projection import projected
 
 from blurnoise import Camera, blur_pixels
 from blurnoise.camera import lens as lenses
@@ -44,6 +43,21 @@ def test_rectilinear_is_26_percent_smaller_on_axis():
     found = blur_pixels(100 / 3.6, 50, 0.03, target_width_m=4.9, lens="rectilinear", **WIDE)
     assert found == pytest.approx(1739.3 * (100 / 3.6) * 0.03 / 50, rel=1e-4)
     assert found / 39.35024 == pytest.approx(0.737, abs=0.002)
+
+
+def projected(view, points_m):
+    """Pixels (2, ...) at which points (3, ...) are seen; for a pinhole NaN behind the camera."""
+    x, y, z = points_m
+    if view.calibrated is not None or view.lens == "rectilinear":
+        with np.errstate(divide="ignore"):
+            scale = np.where(z > 0, 1 / z, np.nan)
+        if view.calibrated is not None:
+            return view.calibrated.imaged(points_m[:2] * scale, (view.height_px, view.width_px))
+    else:
+        across = np.hypot(x, y)
+        scale = np.where(across > 0, np.arctan2(across, z) / np.where(across > 0, across, 1), 1 / np.abs(z))
+    middle = np.array([(view.width_px - 1) / 2, (view.height_px - 1) / 2])
+    return np.asarray(view.focal_px * scale * points_m[:2] + middle.reshape(2, *[1] * x.ndim))
 
 
 def at(*pixels):

@@ -1,6 +1,5 @@
 """Trajectories: closed forms, windows, shakes and logs; blur by paths, picture by picture."""
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from exposed_frames import budget
-from path_oracle import accelerated, polyline_grid, straight_path, vibration
+from path_oracle import polyline_grid, straight_path, vibration
 
 from blurnoise import Camera, Exposure, Trajectory, simulate
 from blurnoise.blur import convolution, fourier, path_otf
@@ -21,12 +20,6 @@ FOCAL_PX = 1662.77  # 1920 px over 60 degrees
 CAMERA = Camera.preset("imx250")
 VIBRATION = Trajectory.sinusoid(4.0, 80.0, 0.05, direction_deg=30.0, phase_rad=0.5)
 LIT: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 100.0}
-
-
-def accelerated_path(velocity, acceleration, duration_s):
-    """Constant acceleration about mid-exposure; between 2001 knots it sags by a (T / 2000)^2 / 8."""
-    time = np.linspace(-duration_s / 2, duration_s / 2, 2001)
-    return Trajectory.of(time, np.stack([velocity * time + acceleration * time**2 / 2, 0 * time]))
 
 
 def of(trajectory, exposure_s, f):
@@ -55,16 +48,6 @@ def test_vibration_has_its_series(exposure_s, phase, expected):
     assert complex(vibration(0.3, 80.0, exposure_s, phase_rad=phase)) == pytest.approx(expected, abs=1e-6)
     path = Trajectory.sinusoid(3.0, 80.0, 0.02, phase_rad=phase)
     assert of(path, exposure_s, 0.1) == pytest.approx(expected, abs=6e-4)
-
-
-@pytest.mark.parametrize(
-    ("f", "v", "g", "expected"),
-    [(0.1, 6.0, 4.0, 0.504581 - 0.014697j), (0.25, 6.0, 12.0, 0.035304 + 0.327814j)],
-)
-def test_acceleration(f, v, g, expected):
-    assert complex(accelerated(f * v, f * g, 1.0)) == pytest.approx(expected, abs=1e-6)
-    path = accelerated_path(v, g, 1.0)
-    assert of(path, 1.0, f) == pytest.approx(expected, abs=2 * math.pi * f * 1e-3)
 
 
 @pytest.mark.parametrize(("reach_px", "count"), [(2.0, 5), (20.0, 200), (300.0, 40)])
@@ -96,7 +79,7 @@ def test_simplified_is_within_its_tolerance_at_every_time():
 
 @pytest.mark.parametrize("exposure_s", [0.02, 0.004])
 def test_centroid_stays(exposure_s):
-    seen = accelerated_path(700.0, 5e4, 0.02).seen(exposure_s)
+    seen = VIBRATION.seen(exposure_s)
     middles = (seen.knots[:, 1:] + seen.knots[:, :-1]) / 2
     assert np.abs(middles @ seen.shares).max() < 1e-12
 

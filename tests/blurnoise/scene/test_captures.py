@@ -281,18 +281,6 @@ def test_exposures_share_a_path_s_blur_only_if_they_last_alike(captures):
         assert torch.equal(frames.eight_bit, alone.eight_bit)
 
 
-def test_a_straight_path_is_the_velocity_along_it():
-    """In each capture: ghosts lie alike, one of them blurred by the path, the other by uniform motion."""
-    light = torch.where(X.abs() < 10, 0.5, 0.0)[None, None, None]
-    given = lit(IMX250) | CLEAN
-    path = Trajectory((-0.02, 0.02), (-20.0 * FINENESS + 7, 20.0 * FINENESS + 7), (3.0, 3.0))
-    expected = raw_frames(light, IMX250, staggered(16, 64), **{**given, **MOVED})
-    found = raw_frames(light, IMX250, staggered(16, 64), trajectory=path, **given)
-    for one, other in zip(found, expected, strict=True):
-        torch.testing.assert_close(one, other, atol=8.0, rtol=0.0)
-    assert len({round(float((each * X).sum() / each.sum()), 1) for each in expected}) == 3
-
-
 def test_a_path_goes_on_in_the_next_capture():
     """At rest in the first, then 16 000 px/s for 0.625 ms: 5 px further in the middle, 10 px of blur."""
     light = torch.where(X.abs() < 10, 0.5, 0.0)[None, None, None]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from exposed_frames import budget
+from exposed_frames import BUSY, budget
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
@@ -16,21 +16,6 @@ from blurnoise import Camera, photoelectrons, simulate
 from blurnoise.camera.lens import Lens
 from blurnoise.camera.sensor import Sensor
 
-BUSY = Camera(
-    "busy",
-    Lens(f_number=2.8, transmission=0.9, defocus_radius_px=1.2),
-    Sensor(
-        pixel_pitch_um=4.0,
-        quantum_efficiency=0.5,
-        full_well_e=9000.0,
-        system_gain_dn_per_e=0.4,
-        read_noise_e=2.5,
-        dark_current_e_s=30.0,
-        prnu=0.01,
-        dsnu_e=3.0,
-        black_level_dn=60.0,
-    ),
-)
 ORDER = """distortion, objects, lateral colour, defocus, diffraction, measured MTF, motion, motion variation,
 rolling shutter, vignetting, spectral integration, PRNU, dark current, shot noise, read noise, DSNU, quantisation"""
 CAMERAS = st.fixed_dictionaries(

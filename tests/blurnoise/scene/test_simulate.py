@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 import torch
-from exposed_frames import batched
+from exposed_frames import BUSY, batched
 from hypothesis import given
 from hypothesis import strategies as st
 from torch.nn.functional import avg_pool2d
@@ -26,26 +26,10 @@ from blurnoise import (
 )
 from blurnoise.camera import PRESETS
 from blurnoise.camera.colour import linear_from_srgb, srgb_from_linear
-from blurnoise.camera.lens import Lens
-from blurnoise.camera.sensor import Sensor
 from blurnoise.scene.metering import AutoExposure, GreyAnchor, anchored, mean_luma
 
 CAMERA = Camera.preset("imx250")
-SMOOTH = Camera(
-    "smooth",
-    Lens(f_number=2.8, transmission=0.9, defocus_radius_px=1.2),
-    Sensor(
-        pixel_pitch_um=4.0,
-        quantum_efficiency=0.5,
-        full_well_e=9000.0,
-        system_gain_dn_per_e=0.4,
-        read_noise_e=2.5,
-        dark_current_e_s=200.0,
-        prnu=0.01,
-        dsnu_e=3.0,
-        black_level_dn=60.0,
-    ),
-)
+SMOOTH = BUSY.with_figures(dark_current_e_s=200.0)
 LIT: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 60.0}
 MEAN: dict[str, Any] = {"noise": False, "quantised": False, "fidelity": "full"}
 

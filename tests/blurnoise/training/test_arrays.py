@@ -47,18 +47,12 @@ def test_the_order_of_channels_is_stated(picture):
 
 
 @pytest.mark.parametrize(
-    ("image", "options", "words"),
-    [
-        (np.zeros((4, 5, 3), np.int32), {}, "int32"),
-        (np.zeros((4, 5, 2), np.uint8), {}, "2 channels"),
-        (np.zeros(4, np.uint8), {}, r"shape \(4,\)"),
-        ([[1.0]], {}, "must be an array"),
-        (np.zeros((4, 5, 3), np.uint8), {"channels": "gbr"}, "channels"),
-    ],
+    ("image", "words"),
+    [(np.zeros((4, 5, 3), np.int32), "int32"), (np.zeros((4, 5, 2), np.uint8), "2 channels")],
 )
-def test_other_arrays_are_refused(image, options, words):
+def test_other_arrays_are_refused(image, words):
     with pytest.raises((TypeError, ValueError), match=words):
-        expose_numpy(image, EXPOSURE, **options)
+        expose_numpy(image, EXPOSURE)
 
 
 def test_a_torchvision_of_another_build_is_named(tmp_path):

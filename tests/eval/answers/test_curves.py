@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import endurances
-from blurnoise_eval.plan.axes import SETTING
 from made_tables import curve, over, tables
 from plans import OWN
 
@@ -33,20 +32,6 @@ def rows(
         if (value := confidence(f"p{i}", r, t, float(np.hypot(x, y))) if callable(confidence) else confidence)
         is not None
     ]
-
-
-def test_rows_become_one_table_per_model_and_group():
-    every = [*rows(0.5, model="a"), *rows(0.6, model="a", illuminance_lux=100.0)]
-    every += rows(0.65, model="a", illuminance_lux=100.0, gain_db=6.0)
-    every += [*rows(0.7, model="a", group="h"), *rows(0.8, model="b")]
-    found = list(tables(every))
-    named = [(each.model, each.group, len(each)) for each in found]
-    assert named == [("a", "g", 27), ("a", "h", 9), ("b", "g", 9)]
-    settings = list(found[0].split(SETTING))
-    assert [float(each.mean[0]) for each in settings] == pytest.approx([0.5, 0.6, 0.65])
-    at = [(each.at(0)["illuminance_lux"], each.at(0)["gain_db"]) for each in settings]
-    assert at == [(50, 0), (100, 0), (100, 6)]
-    assert settings[0].sums.shape == (4, 9)
 
 
 def test_means_leave_out_what_was_not_measured():

@@ -197,10 +197,8 @@ HELD = (0.2, 0.9, 0.96, 0.97)
         (line(HILL, moves=False, saturated=WHITE), ("noise", "saturation")),
         (line(HILL, saturated=WHITE), ("noise", None)),  # one of the two
         (line(HILL, saturated=UNKNOWN), ("noise", None)),
-        (
-            line(HILL, HILL, saturated=(0.0, 0.01, 0.9, 0.9)),
-            ("noise", "saturation"),
-        ),  # white at its best, too
+        # white at its best, too
+        (line(HILL, HILL, saturated=(0.0, 0.01, 0.9, 0.9)), ("noise", "saturation")),
         (line(HILL, HELD, brightness=(0.32, *AIMED[1:])), ("darkness", "blur")),
         (line(HILL, HELD, brightness=(0.34, 0.1, 0.1, 0.1)), ("noise", "blur")),  # where it fails counts
         (line(HILL, HELD, brightness=UNKNOWN), (None, "blur")),

@@ -88,7 +88,6 @@ REFUSED = {
     "bands": (lambda p: flats(p, banded), "flicker in bands"),
     "filtered": (lambda p: flats(p, blurred), "correlation of .* raw numbers"),
     "compressed": (lambda p: every(p, squeezed), "correlation of .* raw numbers"),
-    "the same frame twice": (lambda p: {key: [x[0], x[0]] for key, x in p.items()}, "is the same picture as"),
     "two exposures": (lambda p: dict(list(p.items())[:4]), "2 flat exposures with two frames or more; must be 3"),
     "no dark": (lambda p: {key: x for key, x in p.items() if key[0] == "flat"}, "dark frames are missing"),
     "one frame each": (lambda p: {key: x[:1] for key, x in p.items()}, "dark frames are missing; take two or more"),
@@ -100,13 +99,3 @@ REFUSED = {
 @pytest.mark.parametrize(("change", "why"), REFUSED.values(), ids=REFUSED)
 def test_refused(planes, tmp_path, change, why):
     assert re.search(why, refused(tmp_path, change(planes)))
-
-
-def test_numbers_at_the_top_of_16_bits_are_counted_in_steps(planes, tmp_path):
-    assert "bit_depth = 10: allows numbers up to 1023" in refused(tmp_path, planes, bit_depth=10)
-    low = measure(made_frames.save(tmp_path / "low", planes))
-    high = measure(made_frames.save(tmp_path / "high", every(planes, lambda plane: 16 * plane)))
-    assert high.bit_depth == 12
-    assert any("multiples of 16" in note for note in high.notes)
-    for name, estimate in low.estimates.items():
-        assert high.estimates[name].value == pytest.approx(estimate.value, rel=1e-6), name

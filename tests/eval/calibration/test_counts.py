@@ -64,12 +64,9 @@ def test_counts_are_read(tmp_path, taken, dark, flat, note):
 
 
 MIXED = {
-    "arrays and pictures of pylon": (plain, times(16), "flat.*multiples of 16 .*unlike those of .*dark"),
     "pictures and arrays of pylon": (times(16), plain, "dark.*multiples of 16 .*unlike those of .*flat"),
     "arrays and pictures of IDS": (plain, repeated, "flat.*multiples of 2, unlike those of .*dark"),
     "big-endian": (np.ndarray.byteswap, np.ndarray.byteswap, "numbers have their two bytes exchanged"),
-    "wrapped": (lambda plane: (plane - 60) & 65535, plain, "dark.*wrap around below 0"),
-    "cut at black": (lambda plane: np.maximum(plane, 60), plain, "5[78].* % of its pixels are 60, none below"),
     "cut below black": (lambda plane: np.maximum(plane, 56), plain, "7.* % of its pixels are 56, none below"),
 }  # fmt: skip
 

@@ -144,18 +144,3 @@ def test_the_camera_behind_a_mosaic(tmp_path):
     assert camera.sensor.quantum_efficiency == Camera.preset("imx250c").sensor.quantum_efficiency
     assert "measured was 0.59" in camera.sources["quantum_efficiency"]
     assert camera_of(found, "mine").sensor.cfa == "none"
-
-
-def test_raw_files_are_a_camera(tmp_path):
-    pytest.importorskip("rawpy", reason="needs rawpy: pip install 'blurnoise[raw]'")
-    (tmp_path / "dark").mkdir()
-    number = 0
-    for (kind, exposure_s), planes in made_frames.exposed(CAMERA, 1, size=(96, 120), levels=5).items():
-        for plane in planes:
-            number += 1
-            path = tmp_path / ("dark" if kind == "dark" else "") / f"IMG_{number:04}.dng"
-            exif = {33434: (5, exposure_s), 34855: (3, 100)}
-            made_frames.write_dng(path, plane, {34665: (4, {tag: value for tag, (_, value) in exif.items()})})
-    found = measure(tmp_path, bit_depth=12)
-    assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(0.4, rel=0.05)
-    assert any(note.startswith("colour filters RGGB") for note in found.notes)

@@ -40,9 +40,8 @@ def packed(name, rows):
     bits, pixels, _, mipi = PACKINGS[name]
     octets = bytearray()
     for group in rows.reshape(-1, pixels).tolist():
-        if (
-            mipi
-        ):  # CSI-2, RAW10 and RAW12: the high eight bits of each, then the low ones of the first in bit 0
+        # CSI-2, RAW10 and RAW12: the high eight bits of each, then the low ones of the first in bit 0
+        if mipi:
             octets += bytes(value >> bits - 8 for value in group)
             digits = "".join(f"{value & (1 << bits - 8) - 1:0{bits - 8}b}" for value in group[::-1])
         else:  # PFNC: the first pixel's lowest bit is the first byte's lowest

@@ -119,18 +119,3 @@ def test_modules_agree_with_each_other_and_with_who_measured_one():
         max(PRESETS[name].sensor.quantum_efficiency.of("G").values) for name in ("ov5647", "imx219", "imx500")
     ]
     assert max(peaks) / min(peaks) < 1.1
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        (["--grey-card", "500,2"], "--grey-card = '500,2': must be LUX,REFLECTANCE"),
-        (["--grey-card", "0.18"], "--grey-card = '0.18': needs lux"),
-        (["--grey-card", "500"], "--grey-card = '500': must be"),
-    ],
-)
-def test_a_card_without_light_is_refused(tmp_path, capsys, words, why):
-    folder = made_frames.save(tmp_path / "frames", made_frames.exposed(CAMERA, 3, size=(64, 80), levels=4))
-    assert main(["cameras", "fit", folder, "-o", tmp_path / "mine.yaml", *words]) == 2
-    assert why in capsys.readouterr().err
-    assert not (tmp_path / "mine.yaml").exists()

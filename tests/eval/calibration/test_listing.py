@@ -19,7 +19,7 @@ PLANE = np.arange(40 * 50, dtype=np.uint16).reshape(40, 50)
         ("file,kind,exposure_s\na.npy,bias,0.1\n", "line 2: kind = 'bias': must be 'dark' or 'flat'"),
         ("file,kind,exposure_s\na.npy,dark,soon\n", "line 2: exposure_s = 'soon': must be a valid number"),
         ("file,kind,exposure_s\n../a.npy,dark,1\n", r"line 2: file name '\.\./a\.npy' leaves the folder"),
-        ("file,kind,exposure_s\n", "no frames"),
+        ("file,kind,exposure_s\n", "no frames; must have a line for each file"),
     ],
 )
 def test_lists_with_faults(tmp_path, text, why):

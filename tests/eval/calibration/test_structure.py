@@ -51,9 +51,8 @@ def test_figures_of_a_real_ccd(tmp_path):
     }  # fmt: skip
     assert {name: found[name].value for name in expected} == pytest.approx(expected, rel=0.015)
     assert found["column_noise_e"].value == found["dsnu_row_e"].value == 0
-    assert (
-        max(found["prnu_row"].value, found["prnu_column"].value) < 0.0002
-    )  # the lamp's shading is none of it
+    # the lamp's shading is none of it
+    assert max(found["prnu_row"].value, found["prnu_column"].value) < 0.0002
     assert 0.01 < found["black_level_drift_dn"].value < 0.04
     black = found["black_level_dn"]
     assert black.low < 14.760 < black.high  # mean of 50 further dark frames of the same set

@@ -53,9 +53,8 @@ def test_a_bracket_gives_the_curve_within_a_hundredth(tmp_path, curve, noise):
     found = measure_tone(bracket(tmp_path / "bracket", curve, noise))
     assert np.abs(np.interp(GRID, *np.array(found.points).T) - curve(GRID)).max() < 0.01
     assert found.doubts == ()
-    residual = float(
-        found.text.split("residual ")[1].split()[0]
-    )  # rounding alone is 0.29 less the pixel's own light
+    # rounding alone is 0.29 less the pixel's own light
+    residual = float(found.text.split("residual ")[1].split()[0])
     assert 0.1 < residual < 0.3 if noise == 0 else residual > 0.5
 
 
@@ -102,9 +101,8 @@ def test_exposures_are_those_of_exif(tmp_path):
 def test_a_wrong_exposure_time_is_doubted(tmp_path):
     folder = bracket(tmp_path / "bracket", shouldered)
     rows = (folder / "frames.csv").read_text().replace("2.png,0.002", "2.png,0.0023")
-    (folder / "frames.csv").write_text(
-        rows.replace(",", ";").replace(";0.", ";0,")
-    )  # as Excel has it elsewhere
+    # as Excel has it elsewhere
+    (folder / "frames.csv").write_text(rows.replace(",", ";").replace(";0.", ";0,"))
     found = measure_tone(folder)
     assert [doubt.split(":")[0] for doubt in found.doubts if "exposure time" in doubt] == ["2.png"]
     assert found.doubts[0] in found.known["tone"][1]

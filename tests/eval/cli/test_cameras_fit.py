@@ -68,6 +68,12 @@ def test_a_dng(tmp_path, capsys):
         (["--dng", "x.dng", "-o", "x.yaml", "--bit-depth", "12"], "--bit-depth: needs a folder"),
         (["FOLDER", "-o", "x.yaml", "--raw-layout", "mipi10"], "--raw-layout = 'mipi10': must be PACKING,"),
         (["FOLDER", "-o", "x.yaml", "--cfa", "RGB"], "--cfa = 'RGB'"),
+        (
+            ["FOLDER", "-o", "x.yaml", "--grey-card", "500,2"],
+            "--grey-card = '500,2': must be LUX,REFLECTANCE",
+        ),
+        (["FOLDER", "-o", "x.yaml", "--grey-card", "0.18"], "--grey-card = '0.18': needs lux"),
+        (["FOLDER", "-o", "x.yaml", "--grey-card", "500"], "--grey-card = '500': must be"),
         (["missing", "-o", "x.yaml"], "folder = 'missing'"),
         (["--dng", "missing.dng", "-o", "x.yaml"], "missing.dng"),
     ],

@@ -84,6 +84,13 @@ COMMANDS = {
         ("--camera hdr.yaml", "captures"),
         ("--moves targets", "moves: must be all"),
     ],
+    "measure street.png": [
+        ("--roi 0,0,4,4", "8 x 8"),
+        ("--coding srgb --black-level 40", "--coding linear"),
+        ("--target 65,0.1", "--target: size = 65"),
+        ("--target 10", "--target = '10'"),
+        ("--lux 5", "--lux: needs simulated charts"),
+    ],
     "cameras fit": [
         ("-o x.yaml", "folder, --dng, --libcamera: exactly one"),
         ("frames -o x.txt", "suffix of x.txt"),

@@ -2,7 +2,6 @@
 
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 import PIL.Image
 import pytest
 import yaml
-from blurnoise_eval.datasets import PictureSet, UnreadablePicture, bdd, coco, texts, write_picture, yolo
+from blurnoise_eval.datasets import UnreadablePicture, bdd, coco, texts, write_picture, yolo
 
 ANNOTATION = {"image_id": 7, "category_id": 13, "bbox": [1, 2, 3, 4]}
 BOX = {"x1": 10, "y1": 20, "x2": 40.5, "y2": 60}
@@ -92,11 +91,8 @@ def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path):
         "doubtful labels: 9 of 9 boxes end outside of their picture or have no area: another size of the "
         "pictures? They are read as x, y, width, height",
     )
-    for size in (
-        {},
-        {"width": None, "height": None},
-        {"width": 0, "height": 0},
-    ):  # unknown: nothing is outside
+    # unknown: nothing is outside
+    for size in ({}, {"width": None, "height": None}, {"width": 0, "height": 0}):
         file = instances(tmp_path, images=[{**image, **size}], annotations=entries)
         assert len(coco(file).pictures[0].targets or ()) == 7
 
@@ -260,11 +256,6 @@ LAYOUTS = {
         "images/train/t.png": (8, 8), "labels/train/t.txt": LINE,
         "images/val/v.png": (8, 8), "labels/val/v.txt": LINE,
     },
-    "roboflow": {
-        "data.yaml": described(train="../train/images", val="../valid/images", names=["sign", "car"]),
-        "train/images/t.png": (8, 8), "train/labels/t.txt": LINE,
-        "valid/images/v.png": (8, 8), "valid/labels/v.txt": LINE,
-    },
     "darknet": {
         "data.yaml": described(path="set", train="train.txt", val="val.txt"),
         "set/train.txt": "images/t.png\n", "set/val.txt": "./images/v.png\n\n",
@@ -287,7 +278,6 @@ def test_layouts(tmp_path, layout):
 @pytest.mark.parametrize(
     "files",
     [
-        {"classes.txt": "sign\n", "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
         {"labels/classes.txt": "\ufeffsign\r\ncar\r\n", "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
         {"classes.txt": "sign\n", "sub/a.png": (8, 8), "sub/a.txt": LINE},
         {"classes.txt": "sign\n", "images/sub/a.png": (8, 8), "images/sub/a.txt": LINE},
@@ -315,7 +305,6 @@ def test_pictures_may_lie_elsewhere_where_the_user_says_so(tmp_path):
 # --- files that are almost right, or nothing at all ---
 
 
-Read = Callable[..., PictureSet]
 IMAGE = {"id": 7, "file_name": "a.png", "width": 9, "height": 9}
 SIGN = {"id": 1, "name": "sign"}
 SOUND = {"id": 1, "image_id": 7, "category_id": 1, "bbox": [1, 2, 3, 4], "area": 9, "iscrowd": 0}
@@ -397,10 +386,8 @@ def data_yaml(**entries):
         ("!!python/object:os.system {}", "constructor"),
         ("val: images", "has no 'names'"),
         ("names: {zero: sign}", "names: zero: .*must be a valid integer"),
-        (
-            "names: [yes, no]",
-            r"names\[0\] = True: must be a valid string",
-        ),  # which YAML takes for truth values
+        # which YAML takes for truth values
+        ("names: [yes, no]", r"names\[0\] = True: must be a valid string"),
         (data_yaml(val="missing"), "missing': no such folder or list"),
         (data_yaml(val="list.txt"), r"list\.txt': line 1: .*leaves the folder"),
         (data_yaml(val="."), "none of the 1 pictures in .* has a label file"),
@@ -409,12 +396,9 @@ def data_yaml(**entries):
 )
 def test_what_is_no_data_set_of_yolo_is_named(folder, content, fault):
     (folder / "list.txt").write_text("../secret.png")
-    (folder / "twice.txt").write_text("a.png\n./a.png")
     (folder / "classes.txt").unlink()
     if content is not None:
         (folder / "data.yaml").write_text(content)
-    if "twice" in str(content):
-        (folder / "a.txt").write_text(LINE)
     with pytest.raises(ValueError, match=rf"labels = .*{fault}") as caught:
         yolo(folder)
     assert "\n" not in str(caught.value)
@@ -431,6 +415,3 @@ def test_files_that_are_none(folder):
                     read(folder / name)
     with pytest.raises(ValueError, match="split 'test' = None"):
         yolo(folder, split="test")
-
-
-# --- anything in any place ---

@@ -136,9 +136,8 @@ def test_colours_under_transparency(tmp_path):
     """Stored multiplied by 1/4, as ExtraSamples says."""
     stored = np.dstack([RGB // 4, np.full(GREY.shape, 65535 // 4)])
     seen = read(tmp_path, tiff(stored, t338=1))
-    assert (
-        np.abs(seen.astype(int) - RGB).max() <= 6
-    )  # 4 for the division of the colours, 1.5 for that of 65535
+    # 4 for the division of the colours, 1.5 for that of 65535
+    assert np.abs(seen.astype(int) - RGB).max() <= 6
 
 
 @pytest.mark.parametrize(

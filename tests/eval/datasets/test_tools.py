@@ -1,13 +1,20 @@
 """Labels as the tools write them: one object, 60 x 60 px at (50, 30) of pictures of 160 x 120 px, in every layout."""
 
 import json
+from itertools import chain
+from pathlib import Path
 from typing import Any
 
+import blurnoise_models
 import numpy as np
 import pytest
 from blurnoise_eval import label_formats
-from blurnoise_eval.datasets import PictureSet, write_picture
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import PictureSet, rendered_signs, write_picture
+from blurnoise_eval.datasets.folder import Listed
+from blurnoise_eval.datasets.selection import Selection
 from blurnoise_eval.label_formats import LABEL_FORMATS, LabelFormat, format_of
+from blurnoise_eval.run.run import Run
 
 BOX = (50.0, 30.0, 110.0, 90.0)
 LINE = "0 0.5 0.5 0.375 0.5\n"
@@ -147,22 +154,18 @@ def test_cvat_without_its_pictures(tmp_path):
     assert [target.box_xyxy for target in picture.targets or ()] == [BOX]
 
 
-def test_ocr_lists_of_windows(tmp_path):
-    points = json.dumps([{"transcription": "GO", "points": [[50, 30], [110, 30], [110, 90], [50, 90]]}])
-    found = opened(
-        tmp_path, {"Label.txt": f"images\\a.png\t{points}\n", "images/a.png": PICTURE}, "Label.txt"
-    )
-    assert [target.box_xyxy for target in found.pictures[0].targets or ()] == [BOX]
-    assert found.pictures[0].load().shape == (120, 160, 3)
-
-
-@pytest.mark.parametrize(("texts", "count"), [("\t[]", 0), ("\t [{}]", 1), ("\t[ {}]", 1)])
-def test_ocr_lists_are_known_by_their_json(tmp_path, texts, count):
-    """Also after a space, and where no picture has a text."""
+@pytest.mark.parametrize(
+    ("line", "count"),
+    [("a.png\t[]", 0), ("a.png\t [{}]", 1), ("a.png\t[ {}]", 1), ("images\\a.png\t[{}]", 1)],
+)
+def test_ocr_lists_are_known_by_their_json(tmp_path, line, count):
+    """Also after a space, where no picture has a text, and with paths of Windows."""
     points = '{"transcription": "GO", "points": [[50, 30], [110, 30], [110, 90], [50, 90]]}'
-    line = f"a.png{texts.replace('{}', points)}\n"
-    found = opened(tmp_path, {"Label.txt": line, "a.png": PICTURE}, "Label.txt")
+    text = f"{line.replace('{}', points)}\n"
+    files = {"Label.txt": text, "a.png": PICTURE, "images/a.png": PICTURE}
+    found = opened(tmp_path, files, "Label.txt")
     assert [target.box_xyxy for target in found.pictures[0].targets or ()] == [BOX] * count
+    assert found.pictures[0].load().shape == (120, 160, 3)
 
 
 @pytest.mark.parametrize(
@@ -179,11 +182,8 @@ def test_absolute_paths_into_the_own_folder(tmp_path):
     listed = coco(f"{tmp_path}/images/a.png", "/old/images/b.png", "/old/images/c.png")
     files = {"coco.json": listed, "images/a.png": PICTURE, "images/b.png": PICTURE}
     found = opened(tmp_path, files, "coco.json")
-    assert [picture.name for picture in found] == [
-        "images/a.png",
-        "images/b.png",
-        "images/c.png",
-    ]  # the last is missing
+    # the last is missing
+    assert [picture.name for picture in found] == ["images/a.png", "images/b.png", "images/c.png"]
     assert "paths of another folder, whose ends are files of this one and are read: 1" in found.notes
 
 
@@ -279,13 +279,39 @@ def test_what_is_not_read_says_so(tmp_path, tool):
     assert "\n" not in str(caught.value)
 
 
+def boxes_of(file, **options):
+    """A made-up reader: lines file,x0,y0,x1,y1,class of one picture."""
+    selection = Selection("table", file, **options)
+    rows = [line.split(",") for line in file.read_text().splitlines()[1:]]
+    (name,) = selection.names([rows[0][0]])
+    targets = [selection.target(row[5], tuple(map(float, row[1:5])), picture=name) for row in rows]
+    return selection.picture_set([Listed(name, tuple(chain(*targets)))])
+
+
 def test_a_new_format_is_one_entry(tmp_path, monkeypatch):
-    """It is recognised, opened, and in the help."""
-    made_up = LabelFormat(
-        "dots", "Dots", lambda labels: labels.suffix == ".dots", lambda place, **options: (place, options)
+    """Although such tables are refused: it is recognised, probed, swept, and its pictures are found again."""
+    monkeypatch.chdir(tmp_path)
+    picture = rendered_signs().pictures[0]
+    boxes = [target.box_xyxy for target in picture.targets]
+    write_picture("a.png", picture.load())
+    lines = ["file,x0,y0,x1,y1,class", *(f"a.png,{','.join(map(str, box))},stop sign" for box in boxes)]
+    Path("a.csv").write_text("\n".join(lines) + "\n")
+    table = LabelFormat(
+        "table", "a table", lambda labels: labels.head.startswith("file,x0,"), boxes_of, (".csv",)
     )
-    monkeypatch.setattr(label_formats, "LABEL_FORMATS", (made_up, *LABEL_FORMATS))
-    (tmp_path / "a.dots").write_text("1 2")
-    assert format_of(tmp_path / "a.dots") is made_up
-    assert label_formats.format_named("dots") is made_up
-    assert all(each.help in label_formats.HELP for each in LABEL_FORMATS)
+    monkeypatch.setattr(label_formats, "LABEL_FORMATS", (table, *LABEL_FORMATS))
+    model = Path(blurnoise_models.__file__).parent / "stop_sign.onnx"
+    assert main(["inspect", str(model), "--probe", "a.csv"]) == 0
+    assert (
+        main(["sweep", *["--labels", "a.csv", "--exposure-ms", "5", "--lux", "10", "--dx", "0", "-o", "run"]])
+        == 0
+    )
+    with Run.open("run") as run:
+        assert run.setup.manifest["images"]["kind"] == "table"
+        assert [target.box_xyxy for target in run.picture("a.png").targets] == boxes
+    assert "data:image" in Path("run/failures.html").read_text(encoding="utf-8")
+
+
+def test_the_help_names_what_is_read():
+    read = [entry.help for entry in LABEL_FORMATS if not entry.instead]
+    assert all(text and text in label_formats.HELP for text in read)

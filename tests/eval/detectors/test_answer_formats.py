@@ -59,10 +59,8 @@ def tensors(family):
         rows = np.vstack([np.hstack([klass, 0 * score, boxes]), [-1, 0.7, 0, 0, 9, 9], [1, 0.99, 0, 0, 9, 9]])
         gain = np.zeros((5, 6))
         gain[:3, 1] = SCORES
-        return {
-            "nms_0": (rows, gain),
-            "nms_1": (np.array([4], np.int64), np.zeros(0)),
-        }  # the fifth: another's
+        # the fifth: another's
+        return {"nms_0": (rows, gain), "nms_1": (np.array([4], np.int64), np.zeros(0))}
     if family in ("tfod", "yolov6e2e"):
         shares = boxes[:, [1, 0, 3, 2]] / np.array([SIZE_PX[0], SIZE_PX[1]] * 2)
         zero, padding, beyond = np.zeros((1, 5)), np.array([[9.0, 9.0]]), np.array([[0.0, 0.99]])

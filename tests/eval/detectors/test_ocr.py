@@ -52,9 +52,6 @@ def test_input_is_the_crop_normalised_beside_zeros(tmp_path, size, colour):
     assert not blob[..., filled:].any()
 
 
-# --- boxes ---
-
-
 # --- answers ---
 
 
@@ -95,12 +92,6 @@ def test_a_dictionary_file_wins_and_is_part_of_the_identity(tmp_path):
     assert beside.sha256 == greek.sha256
 
 
-# --- contract ---
-
-
-# --- graphs of another form ---
-
-
 # --- from rows of classes to texts, and texts compared ---
 
 CLASSES = characters("a\nb\nc")  # blank, a, b, c, space
@@ -127,12 +118,6 @@ def test_decoding_drops_repeats_then_blanks(path):
     reading = decode(sure(path), CLASSES)
     assert reading.text == expected
     assert reading.confidence == pytest.approx(0.9 if expected else 0)
-
-
-# --- dictionary ---
-
-
-# --- probabilities and logits ---
 
 
 # --- character error rate ---

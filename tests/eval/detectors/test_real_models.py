@@ -15,8 +15,7 @@ import torchvision_ops
 from blurnoise_eval.detectors.contract import COCO91
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.recognition import drawn_picture
-from pycocotools.coco import COCO
-from pycocotools.cocoeval import COCOeval
+from coco_oracle import stats_of_cocos_tools
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "real"
 LABELS = SHARED / "photos" / "instances.json"
@@ -44,15 +43,7 @@ def test_average_precision_is_that_of_pycocotools_on_the_data_set_s_own_file(run
     found: dict[bool, list[Any]] = {True: [], False: []}
     for each in json.loads((run / "coco" / f"{model}.json").read_text()):
         found[each["cell_id"] in clean_cells].append(each)
-    scores = {}
-    for is_clean, results in found.items():
-        with redirect_stdout(StringIO()):
-            coco = COCO(str(LABELS))
-            judge = COCOeval(coco, coco.loadRes(results), "bbox")
-            judge.evaluate()
-            judge.accumulate()
-            judge.summarize()
-        scores[is_clean] = judge.stats
+    scores = {is_clean: stats_of_cocos_tools(LABELS, results) for is_clean, results in found.items()}
     (row,) = (
         each for each in json.loads((run / "summary.json").read_text())["models"] if each["model"] == model
     )

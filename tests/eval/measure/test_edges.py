@@ -25,11 +25,8 @@ from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.metrics import Flag, information
 from blurnoise.metrics.values import Estimate
 
-Output = pytest.CaptureFixture[str]
-BLACK, STEP = (
-    40.0,
-    2800.0,
-)  # of the pictures of 12 bits below, DN; their edges go from 400 to 3200 above black
+# of the pictures of 12 bits below, DN; their edges go from 400 to 3200 above black
+BLACK, STEP = (40.0, 2800.0)
 
 
 def raw(path, linear, noise_dn=0.0):
@@ -171,25 +168,6 @@ def test_iso_is_another_mode(tmp_path, capsys):
     assert iso["mode"] == "iso"
     assert iso["regions"][0]["mtf50"] != exact["regions"][0]["mtf50"]
     assert iso["regions"][0]["mtf50"] == pytest.approx(exact["regions"][0]["mtf50"], rel=0.05)
-
-
-@pytest.mark.parametrize(
-    ("given", "named"),
-    [
-        (["--roi", "0,0,4,4"], "8 x 8"),
-        (["--coding", "srgb", "--black-level", "40"], "--coding linear"),
-        (["--target", "65,0.1"], "--target: size = 65"),
-        (["--target", "10"], "--target = '10'"),
-        (["--lux", "5"], "--lux: needs simulated charts"),
-    ],
-)
-def test_what_is_wrong_is_named_in_one_line(tmp_path, capsys, monkeypatch, given, named):
-    monkeypatch.chdir(tmp_path)
-    path = raw(tmp_path / "edge.png", charts.slanted_edge(60, 100), 5.0)
-    assert main(["measure", str(path), *given]) == 2
-    out, err = capsys.readouterr()
-    assert (out, len(err.splitlines())) == ("", 1)
-    assert named in err
 
 
 # --- edges that deceive ------------------------------------------------------

@@ -15,9 +15,7 @@ from blurnoise_eval.plan.files import PlanFile
 from blurnoise_eval.plan.lamps import Lamps
 from blurnoise_eval.plan.plan import usual_plan
 from blurnoise_eval.run.exposing import PictureScene, check_plan, frames, snr_db
-from blurnoise_eval.run.merging import merge
 from blurnoise_eval.run.run import Run
-from blurnoise_eval.store.store import Store
 from commands import main
 from signs_in_memory import BOX, CAMERA, matched_detector, noise, picture, picture_set, sign
 
@@ -88,14 +86,6 @@ def test_it_sees_lamps_as_simulate_does(tmp_path, capsys):
     assert np.abs(seen - frame.image).max() <= 2
     dark = framed(PictureScene(sign(), picture=picture("p")), at, camera)
     assert np.abs(seen - dark.image).mean() > 2
-
-
-def test_a_path_goes_on_to_the_last_capture(tmp_path, capsys):
-    expected = simulated(tmp_path, "--camera imx250 --exposure-ms 8 --lux 300 --trajectory shake:9 --hdr 2")
-    at = {"exposure_s": 0.008, **LIT}
-    plan = SweepPlan({name: (value,) for name, value in at.items()}, trajectory="shake:9")
-    frame = framed(PictureScene(sign(), plan), at, CAMERA.with_figures(captures=staggered(2)))
-    np.testing.assert_array_equal(frame.image, expected)
 
 
 def test_saturation_of_a_merged_picture():
@@ -194,8 +184,6 @@ def test_targets_cover_their_outlines_or_boxes():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("pwm: 90", "pwm = '90': must be HZ,DUTY or HZ,DUTY,PHASE"),
-        ("pwm: 90,2", "duty = 2"),
         ("pwm_phase: 0.5", "pwm_phase: needs pwm"),
         ("pwm: 90,0.1\npwm_phase: 1.5", "pwm_phase = 1.5: must be"),
         ("pwm: 90,0.1\npwm_phase: sometimes", "pwm_phase = 'sometimes': must be numbers"),
@@ -274,33 +262,3 @@ def test_a_cell_of_the_run_is_taken_again(run):
     frame = explored.expose(PictureScene(sign(), explored.plan, picture("a")), cell)
     assert frame.exposure.lamp == Pwm(90.0, 0.1, 0.7)
     assert len(frame.exposure.camera.sensor.captures) == 2
-
-
-def test_a_run_without_lamps_has_the_columns_of_before(tmp_path):
-    plan = SweepPlan({"exposure_s": (0.003,), "illuminance_lux": (50.0,)})
-    evaluate(
-        matched_detector(tmp_path), picture_set(picture("a")), CAMERA, plan, output=tmp_path / "run"
-    ).report()
-    for name in ("results.csv", "scores.csv"):
-        assert (
-            not {"pwm_phase", "missed_pulse", "missed_pulse_share"}
-            & rows_of(tmp_path / "run", name)[0].keys()
-        )
-    assert "miss the pulsed lamp" not in (tmp_path / "run/report.html").read_text()
-
-
-def test_parts_of_a_run_under_a_lamp_are_joined(tmp_path):
-    plan = SweepPlan({"exposure_s": (0.003,), "illuminance_lux": (50.0,)}, lamps=TARGETS)
-    shown = picture_set(*(picture(name) for name in "abcdef"))
-    detector = matched_detector(tmp_path)
-    evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", strategy="grid")
-    parts = [tmp_path / f"part{number}" for number in (1, 2)]
-    for number, part in enumerate(parts, 1):
-        evaluate(detector, shown.part(f"{number}/2"), CAMERA, plan, output=part)
-    merge(parts, tmp_path / "joined")
-
-    def lamps(folder):
-        with Store(folder) as store:
-            return [(row.image, row.conditions, row.lamp) for row in store.cells()]
-
-    assert lamps(tmp_path / "joined") == lamps(tmp_path / "whole")

@@ -71,9 +71,8 @@ def test_processes_give_what_threads_give(detector, pictures, tmp_path):
         warnings.simplefilter("ignore")
         broken = Recogniser(constant_reader(tmp_path / "nan.onnx", rows))
     threads = computed(tmp_path / "threads", [detector, broken], pictures, ThreadEngine(2), PLAN)
-    with pytest.warns(
-        RuntimeWarning, match="nan.onnx: the outputs contain NaN"
-    ):  # once more, by the copies there
+    # once more, by the copies there
+    with pytest.warns(RuntimeWarning, match="nan.onnx: the outputs contain NaN"):
         processes = computed(tmp_path / "processes", [detector, broken], pictures, ProcessEngine(2), PLAN)
     assert everything(tmp_path / "processes") == everything(tmp_path / "threads")
     assert processes.computed == threads.computed == 2 * count_cells(pictures, PLAN) // 3
@@ -176,8 +175,6 @@ def test_what_does_not_pickle_is_named(detector, pictures):
     work = Work((detector,), CAMERA, usual_plan())
     with pytest.raises(ValueError, match=r"picture 'made up' cannot be sent .*use 'threads'"):
         list(ProcessEngine(1).map(work, [Block(lambdas, ())]))
-    with pytest.raises(ValueError, match="models cannot be sent"):
-        list(ProcessEngine(1).map(replace(work, models=(lambda: None,)), []))
 
 
 def test_engines_by_name(monkeypatch):

@@ -16,7 +16,6 @@ from blurnoise_eval.run.computing import compute
 from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.run.identity import open_run
 from blurnoise_eval.run.merging import merge
-from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.setup import Batch, Setup, note_batch
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.machine import versions
@@ -40,7 +39,6 @@ CHANGED = {
     "text": "STOP",
     "annotation": {"segmentation": [[20.0, 20.0, 60.0, 20.0, 20.0, 59.0]]},
 }
-HARMLESS = {"split", "engine"}  # words of data.yaml; nothing that is computed
 
 
 def noise(seed):
@@ -186,8 +184,6 @@ def test_what_is_missing_is_counted(detector, tmp_path):
             assert Setup.read(store).missing_cells(store) == expected // n_pictures * (n_pictures - 1)
 
 
-def test_a_folder_without_a_run_is_refused(tmp_path):
-    with pytest.raises(StoreError, match=r"holds no results.sqlite"), Run.open(tmp_path):
-        pass
+def test_a_store_without_a_run_is_refused(tmp_path):
     with Store(tmp_path, create=True) as store, pytest.raises(StoreError, match="contains no sweep"):
         Setup.read(store)

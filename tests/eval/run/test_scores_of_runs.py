@@ -15,6 +15,7 @@ from blurnoise_eval.report.met_conditions import met_conditions
 from blurnoise_eval.run.score_tables import LEAST_AP50, dark_below, models_withheld, run_scores
 from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.scoring import scores
+from blurnoise_eval.scoring.uncertainty import ClusterEstimate
 from blurnoise_eval.store.columns import AxisValues, WithInterval
 from blurnoise_eval.store.rows import ScoreRow
 from blurnoise_eval.store.store import Store
@@ -105,17 +106,41 @@ def test_ap_of_a_run_is_that_of_its_scores(run):
     assert [(each["clean_score"], each["n_targets"]) for each in every] == [(untouched["ap50"], 18)] * 2
 
 
-def test_a_new_score_answers_under_its_own_name(run, monkeypatch):
+def constant_by_size(evaluated, size):
+    """0.123 wherever there are targets, on which no cluster has an influence."""
+    found = evaluated.average(size)
+    if found.value is None:
+        return found
+    return ClusterEstimate(0.123, np.zeros_like(found.influence))
+
+
+@pytest.mark.parametrize(
+    "constant",
+    [{"of_targets": lambda rows: np.full(len(rows.condition), 0.123)}, {"by_size": constant_by_size}],
+    ids=["of targets", "by size"],
+)
+@pytest.mark.parametrize(
+    ("question", "expected"), [(Question(threshold=0.1), 0.123), (Question(keep=0.9), 1.0)]
+)
+def test_a_new_score_answers_under_its_own_name(run, monkeypatch, constant, question, expected):
     """0.123 everywhere is 0.123 in every answer, as a level and as a share of itself."""
-    constant = {"of_targets": lambda rows: np.full(len(rows.condition), 0.123)}
     made_up = scores.Score("made_up", "Made up", **constant, criterion=("made up", "made up"))
     monkeypatch.setattr(scores, "SCORES", (*scores.SCORES, made_up))
-    for question, expected in ((Question(threshold=0.1), 0.123), (Question(keep=0.9), 1.0)):
-        done = Run.open(run, replace(question, score="made_up"))
-        assert done.answers
-        values = [value for answer in done.answers for value in answer["confidence"]]
-        assert values == pytest.approx([expected] * len(values))
-        assert [row["made_up"] for row in done.scores] == pytest.approx([0.123] * len(done.scores))
+    done = Run.open(run, replace(question, score="made_up"))
+    assert done.answers
+    values = [value for answer in done.answers for value in answer["confidence"]]
+    assert values == pytest.approx([expected] * len(values))
+    assert [row["made_up"] for row in done.scores] == pytest.approx([0.123] * len(done.scores))
+
+
+def test_a_score_by_size_without_influence_is_refused(run, monkeypatch):
+    """Its answers would have no interval, and were left out as if there were no targets."""
+    half = scores.Score(
+        "half", "Half", by_size=lambda evaluated, size: ClusterEstimate(0.5), criterion=("half", "half")
+    )
+    monkeypatch.setattr(scores, "SCORES", (*scores.SCORES, half))
+    with pytest.raises(ValueError, match=r"^score 'half': by_size must return the influence of each cluster"):
+        _ = Run.open(run, Question(score="half")).answers
 
 
 def test_dark_is_half_of_what_auto_exposure_aims_at():

@@ -1,7 +1,5 @@
 """Scores of pictures' detections against pycocotools, with clusters left out, and by hand."""
 
-from contextlib import redirect_stdout
-from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -12,8 +10,7 @@ from blurnoise_eval.scoring.evaluated import Alarms, Evaluated, Truth, coco_resu
 from blurnoise_eval.scoring.matching import Targets
 from blurnoise_eval.scoring.precision import precision
 from blurnoise_eval.scoring.uncertainty import interval_of, left_out
-from pycocotools.coco import COCO
-from pycocotools.cocoeval import COCOeval
+from coco_oracle import stats_of_cocos_tools
 
 COCO_SCORES = {"ap": 0, "ap50": 1, "ap75": 2, "ap_small": 3, "ap_medium": 4, "ap_large": 5, "ar100": 8}
 """Names, and their places in COCO's summary."""
@@ -55,18 +52,12 @@ def crowded(seed, pictures=10):
 def by_pycocotools(truth, found):
     ids = [truth.image_ids[name] for name in found]
     kept = [each for each in truth.coco["annotations"] if each["image_id"] in ids]
-    coco = COCO()
-    coco.dataset = {"images": [{"id": each} for each in ids], "annotations": kept, "categories": CATEGORIES}
+    document = {"images": [{"id": each} for each in ids], "annotations": kept, "categories": CATEGORIES}
     rows = [
         row for name, each in found.items() for row in coco_results(each, truth.image_ids[name], CATEGORY_OF)
     ]
-    with redirect_stdout(StringIO()):
-        coco.createIndex()
-        judge = COCOeval(coco, coco.loadRes(rows), "bbox")
-        judge.evaluate()
-        judge.accumulate()
-        judge.summarize()
-    return {name: float(judge.stats[place]) for name, place in COCO_SCORES.items()}
+    stats = stats_of_cocos_tools(document, rows)
+    return {name: float(stats[place]) for name, place in COCO_SCORES.items()}
 
 
 def scored(truth, found, move_boxes=None):

@@ -13,7 +13,6 @@ from blurnoise_eval.plan.axes import AUTOMATIC, MOVES
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.system.files import RUN_FILE
 from stored_rows import clean_result, result, with_cell
 
 
@@ -98,12 +97,6 @@ def test_second_connection_and_second_process_are_refused(tmp_path):
         store.add([result(1)])  # the first one goes on
     with Store(tmp_path) as store:
         assert len(list(store.cells())) == 2
-
-
-def test_file_that_is_no_database(tmp_path):
-    (tmp_path / RUN_FILE).write_text("no database at all " * 100)
-    with pytest.raises(StoreError, match="damaged"):
-        Store(tmp_path)
 
 
 def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path):

@@ -1,17 +1,12 @@
 """Deceiving edges are withheld or flagged by name, honest ones are left alone; correlated noise; certain peaks."""
 
-import math
-
-import numpy as np
 import pytest
 import torch
 from edge_cases import CASES, CAUGHT, SPARED, Draw, Setting, measured, smoothed, told, usual
 
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
-from blurnoise.metrics.edge.faults import certain
-from blurnoise.metrics.edge.hidden import gaussian_edge
 from blurnoise.metrics.edge.position import correlation_of
-from blurnoise.metrics.edge.response import FREQUENCIES, EdgeResponse, block_weights, widening
+from blurnoise.metrics.edge.response import FREQUENCIES, EdgeResponse
 
 WRONG = {case.name: case for case in CASES if case.deceives}
 HONEST = {case.name: case for case in CASES if not case.deceives}
@@ -80,23 +75,6 @@ def test_an_edge_of_colour_is_no_fault(steps):
             assert Flag.NON_LINEAR_SUSPECTED in flags
 
 
-def test_certainty_is_students():
-    """Quantiles of Student's law at 1 - 0.0005 and 1 - 0.000005, from tables: 30 and 100 degrees of freedom."""
-    for rows, places, quantile in ((31, 1, 3.646), (101, 1, 3.390), (101, 100, 4.654)):
-        assert float(certain(rows, places)) == pytest.approx(quantile, rel=0.02)
-
-
-def test_a_gaussian_edge_has_the_mtf50_it_is_made_for():
-    """Its transform, by sums at quarters of a pixel, is one half there."""
-    place = 0.25 * torch.arange(-80, 81, dtype=torch.float64)
-    mtf50 = torch.tensor([0.1, 0.25, 0.5], dtype=torch.float64)
-    step = torch.diff(gaussian_edge(mtf50, place)[1])
-    middle = (place[1:] + place[:-1]) / 2
-    for frequency, line in zip(mtf50.tolist(), step, strict=True):
-        response = float((line * torch.cos(2 * math.pi * frequency * middle)).sum()) / np.sinc(frequency / 4)
-        assert response == pytest.approx(0.5, abs=1e-4)
-
-
 def test_white_noise_is_white():
     """One in 3 000 is not taken for it; of 200 none."""
     fields = Draw.of(1).normal((200, 100, 24))
@@ -118,21 +96,6 @@ def correlated(sigma_px, seed):
 def test_correlated_noise_is_noticed():
     """The filter's power at 0 is 7.98 times white noise's; one edge knows it to some 20 %."""
     assert correlated(0.8, 1).noise_power_at_0 == pytest.approx(7.98, rel=0.6)
-
-
-def test_blocks_are_whole_and_as_many_rows_as_there_are():
-    weights = block_weights(300, 100, 7, seed=1)
-    assert bool((weights.sum(1) == 100).all())
-    assert float(weights.mean(0).std()) < 0.15  # every row as often: of 300 draws the mean is known to 0.06
-    neighbours = torch.corrcoef(torch.stack([weights[:, :-1].flatten(), weights[:, 1:].flatten()]))[0, 1]
-    assert float(neighbours) == pytest.approx(6 / 7, abs=0.05)
-    assert torch.equal(block_weights(5, 40, 1, seed=3), block_weights(5, 40, 1, seed=3))
-
-
-def test_few_blocks_widen_intervals_as_student_says():
-    """t at 97.5 % with 9 degrees of freedom, from tables 2.262, over 1.96, times the root of 10/9."""
-    assert widening(100, 1) == 1
-    assert widening(100, 10) == pytest.approx(2.262 / 1.96 * (10 / 9) ** 0.5, rel=0.005)
 
 
 @pytest.mark.slow
