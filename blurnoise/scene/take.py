@@ -288,7 +288,8 @@ def _capture(
             out=to,
         )
         exposed = on_pixels.expand(len(items), -1, -1, -1)
-        dn = digitised(exposed, plan.reduced(at.readout(indices)), reading)
+        read_under = at if len(items) == batch else at.readout(indices)
+        dn = digitised(exposed, plan.reduced(read_under), reading)
         if out is None:
             return dn
         if dn is not to or to is on_pixels:

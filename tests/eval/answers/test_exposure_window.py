@@ -41,14 +41,10 @@ def test_recommended_is_the_middle_of_what_is_equally_good():
     assert recommended((0.02,), (0.7,), 0.6, None) == 0
 
 
-def lists(values, **how):
-    return st.lists(values, **how)
-
-
 curves = st.integers(1, 12).flatmap(
     lambda n: st.tuples(
-        lists(st.floats(1e-5, 10.0), min_size=n, max_size=n, unique=True).map(sorted),
-        lists(
+        st.lists(st.floats(1e-5, 10.0), min_size=n, max_size=n, unique=True).map(sorted),
+        st.lists(
             st.floats(0, 1) | st.sampled_from([0.0, 0.6, math.nextafter(0.6, 0), 1.0]), min_size=n, max_size=n
         ),
     )
@@ -119,7 +115,7 @@ some = st.sampled_from([0.0, 0.5, 0.6, 1.0]) | st.floats(0, 1)
 
 
 @given(
-    st.lists(lists(some, min_size=24, max_size=24), min_size=1, max_size=3),
+    st.lists(st.lists(some, min_size=24, max_size=24), min_size=1, max_size=3),
     st.sampled_from([0.0, 0.05, 0.5, 0.6, 0.9, 1.0]),
     st.lists(st.integers(1, 4), min_size=8, max_size=24),
 )

@@ -37,14 +37,10 @@ CONDITIONS = {
 }
 
 
-def scored():
-    exposed = [sized(*at, found, saturated_share=at[0], brightness=0.3) for at, found in CONDITIONS.items()]
-    return [sized(None, 0.0, CLEAN), *exposed[::-1]]
-
-
 @pytest.mark.parametrize("kept", [False, True])
 def test_values_and_intervals_are_the_scores_own(kept):
-    (table,) = tables_by_size(scored(), kept)
+    exposed = [sized(*at, found, saturated_share=at[0], brightness=0.3) for at, found in CONDITIONS.items()]
+    (table,) = tables_by_size([sized(None, 0.0, CLEAN), *exposed[::-1]], kept)
     assert (table.group, table.n_targets, table.clean) == ("large", 5, 0.5)
     assert table.reference == pytest.approx(2.5)
     assert table.most == (2.0 if kept else 1.0)

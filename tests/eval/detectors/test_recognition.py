@@ -87,8 +87,6 @@ def test_a_probe_tells_yolov6_from_yolox(name, objectness, size):
          ("num_dets", "det_boxes", "det_scores", "det_classes")),
         ("rtdetr", [(1, 300), (1, 300, 4), (1, 300)], ("labels", "boxes", "scores")),
         ("mmdeploy", [(1, 100, 5), (1, 100), (1, 100, 28, 28)], ("dets", "labels", "masks")),
-        ("yolov10", [(1, 300, 6)], ()),
-        ("yolov7", [(100, 7)], ()),
         ("tfod", [(1,), (1, 10, 4), (1, 10), (1, 10)], ("num", "boxes", "scores", "classes")),
         ("tfod", [(1, 10, 4), (1, 10), (1, 10), (1,), (1, 1917, 4)],
          ("detection_boxes:0", "detection_classes:0", "detection_scores:0", "num_detections:0",

@@ -201,10 +201,6 @@ def found(image, full_scale=1.0, black_level=0.0):
     return find_edges(LinearPicture(image[0].double(), full_scale, black_level))
 
 
-def edge_of(image, roi):
-    return LinearPicture(image[0].double(), 1.0).edge(roi)
-
-
 def noise(image, deviation):
     return image + deviation * torch.randn(image.shape, generator=torch.Generator().manual_seed(2))
 
@@ -235,7 +231,7 @@ def test_every_edge_of_a_chart_is_found_and_gives_the_closed_form(name):
     assert [top for _, top, _, _ in regions] == sorted(top for _, top, _, _ in regions)
     angles = []
     for roi in regions:
-        edge = edge_of(image, roi)
+        edge = LinearPicture(image[0].double(), 1.0).edge(roi)
         assert not edge.flags & UNUSABLE
         turn = (edge.angle_deg - chart.TILT_DEG + 45) % 90 - 45
         assert abs(turn) < 0.2

@@ -29,10 +29,6 @@ def confidence(found, class_id):
     return float(target_confidences(found, [BOX], [class_id])[0])
 
 
-def annotations(boxes_xyxy):
-    return [{"category_id": 7, "bbox": box, "area": box[2] * box[3]} for box in xywh(boxes_xyxy).tolist()]
-
-
 def test_half_an_overlap_is_enough_and_less_is_not():
     assert confidence(detections(((10, 20, 30, 40), 0.8, 0)), 0) == pytest.approx(0.8)
     assert confidence(detections(((10, 20, 30, 39.9), 0.8, 0)), 0) == 0.0
@@ -41,7 +37,8 @@ def test_half_an_overlap_is_enough_and_less_is_not():
 def matches(found, targets_xyxy):
     """Of the detections of class 0, in one picture."""
     own = found.boxes_xyxy[found.class_ids == 0]
-    targets = Targets.of([annotations(targets_xyxy)])
+    sides = xywh(targets_xyxy).tolist()
+    targets = Targets.of([[{"category_id": 7, "bbox": box, "area": box[2] * box[3]} for box in sides]])
     keys, target_keys = np.zeros(len(own), int), np.zeros(len(targets.picture), int)
     taken, beside = matched(keys, xywh(own), target_keys, targets, targets.crowd[None], np.array([0.5]))
     assert not beside.any()

@@ -140,17 +140,13 @@ def test_false_positives_and_calibration_by_hand():
     assert got["calibration_error"] == pytest.approx(gaps / 4, abs=1e-6)
 
 
-def alarms(certain, right, pictures=1):
-    cluster = np.arange(len(certain)) % pictures
-    return Alarms(np.array(certain, float), np.array(right, bool), cluster, np.ones(pictures))
-
-
 @pytest.mark.parametrize(
     ("rate", "expected"), [(0.1, 0.7), (0.49, 0.7), (0.5, 0.4), (1.0, 0.03), (1.5, 0.0), (100.0, 0.0)]
 )
 def test_confidence_at_a_rate_of_false_alarms(rate, expected):
     """Two pictures, false alarms of 0.7, 0.4 and 0.03."""
-    found = alarms([0.9, 0.7, 0.5, 0.4, 0.03], [True, False, True, False, False], 2)
+    certain, right = np.array([0.9, 0.7, 0.5, 0.4, 0.03]), np.array([True, False, True, False, False])
+    found = Alarms(certain, right, np.arange(5) % 2, np.ones(2))
     assert found.confidence_at(rate) == pytest.approx(expected)
     assert (~found.right & (found.scores > found.confidence_at(rate))).sum() / 2 <= rate
 
