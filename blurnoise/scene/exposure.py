@@ -173,10 +173,13 @@ class Exposure(Generic[Number]):
         )
 
     def each(self, batch: int) -> Iterator[Exposure[float]]:
-        """The exposure of every frame of a batch."""
-        columns = {name: _column(getattr(self, name), batch) for name in (*_NUMBERS, *_PER_FRAME)}
-        velocity = self._velocity.double().expand(batch, 2)
-        columns["velocity_px_s"] = list(map(tuple, velocity.tolist()))
+        """The exposure of every frame of a batch. Raises ``ValueError`` for values of another number of frames."""
+        columns = {name: _column(name, getattr(self, name), batch) for name in (*_NUMBERS, *_PER_FRAME)}
+        velocity = self._velocity.double()
+        if velocity.shape not in ((2,), (batch, 2)):  # no frame has the velocities of pixels as numbers
+            must = f"must be (2,) or ({batch}, 2), without a velocity for each pixel"
+            raise ValueError(f"velocity_px_s: shape is {tuple(velocity.shape)}; {must}")
+        columns["velocity_px_s"] = list(map(tuple, velocity.expand(batch, 2).tolist()))
         for item in range(batch):
             yield replace(self, **{name: values[item] for name, values in columns.items()})  # type: ignore[misc]
 
@@ -275,8 +278,13 @@ class Exposure(Generic[Number]):
         return Resolved(self.camera, *numbers, size=size, trajectories=paths)
 
 
-def _column(value: Any, batch: int) -> list[Any]:
+def _column(name: str, value: Any, batch: int) -> list[Any]:
     """A field's value for each frame of a batch."""
-    if isinstance(value, Tensor):
-        return value.detach().expand(batch).tolist()
-    return list(value) if isinstance(value, list | tuple) else [value] * batch
+    values = value.detach().flatten().tolist() if isinstance(value, Tensor) else value
+    if isinstance(value, Tensor) and len(values) == 1:
+        return values * batch
+    if not isinstance(values, list | tuple):
+        return [values] * batch
+    if len(values) != batch:
+        raise ValueError(f"{name}: got {len(values)} for a batch of {batch}; must be one per picture")
+    return list(values)

@@ -116,8 +116,9 @@ def take(scene: Scene, exposure: Exposure[Any], options: TakeOptions = USUAL) ->
     """Take the pictures of a scene with a camera, picture i under the i-th values of the exposure.
 
     Frame i depends on its own picture, values and seed alone. Gradients reach the scene's light and the values of the
-    exposure; they are of the full model, and the numbers are the same with them and without. Raises ``TypeError`` or
-    ``ValueError`` naming the argument, its value and what is allowed.
+    exposure, that of the time without the pulses of a lamp and the motion between captures; they are of the full
+    model, and the numbers are the same with them and without. Raises ``TypeError`` or ``ValueError`` naming the
+    argument, its value and what is allowed.
 
     >>> from blurnoise import Camera, Exposure, Scene
     >>> scene = Scene(torch.full((1, 1, 4, 6), 0.18))
@@ -127,7 +128,6 @@ def take(scene: Scene, exposure: Exposure[Any], options: TakeOptions = USUAL) ->
     (torch.Size([1, 1, 4, 6]), torch.Size([1, 1, 4, 6]))
     """
     an_instance("scene", scene, Scene)
-    an_instance("exposure", exposure, Exposure)
     an_instance("options", options, TakeOptions)
     return _taken(scene, _metered(scene, exposure), options, len(scene.light))
 
@@ -172,6 +172,7 @@ def _each_taken(scene: Scene, exposures: Iterable[Exposure[float]], options: Tak
 
 def _metered(scene: Scene, exposure: Exposure[Any]) -> Exposure[Any]:
     """The exposure with the gain, and the time, that an auto-exposure sets for the scene's only picture."""
+    an_instance("exposure", exposure, Exposure)
     if not isinstance(exposure.gain_db, AutoExposure):
         return exposure
     if len(scene.light) != 1 or exposure.batched:

@@ -231,10 +231,11 @@ def test_captures_that_cannot_be_taken_are_named(captures, message):
         (lambda: develop(torch.ones(2, 1, 1, 2, 3), having(staggered(16))), "white_e: must be specified"),
         (lambda: Scene(torch.ones(1, 1, 2, 3), lamp_mask=torch.ones(3, 2)), "lamp_mask: shape is"),
         (lambda: Scene(torch.ones(1, 1, 2, 3), lamp_mask=2 * torch.ones(2, 3)), "lamp_mask: must lie"),
+        (lambda: list(take_each(Scene(torch.ones(1, 1, 2, 3)), [0.01])), "exposure: must be a blurnoise"),
     ],
 )
 def test_bad_input_is_named(call, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         call()
 
 

@@ -3,6 +3,7 @@
 import copy
 import math
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -184,9 +185,18 @@ def test_wrong_arguments_are_named(given, error, said):
         RandomExposure(**given)
 
 
-def test_one_exposure_or_one_for_each_picture():
-    with pytest.raises(ValueError, match="exposure: got 3; must be one, or 2"):
-        expose_pictures(pictures(2), [LIT] * 3)
+@pytest.mark.parametrize(
+    ("exposure", "said"),
+    [
+        ([LIT] * 3, "exposure: got 3; must be one, or 2"),
+        (replace(LIT, seed=[1, 2], exposure_s=torch.full((3,), 0.01)), "exposure_s: got 3 for a batch of 2"),
+        (replace(LIT, seed=[1, 2], trajectory=[None]), "trajectory: got 1 for a batch of 2"),
+        (replace(LIT, seed=[1, 2], velocity_px_s=torch.zeros(2, 2, 4, 4)), "velocity_px_s: shape is"),
+    ],
+)
+def test_one_exposure_or_one_for_each_picture(exposure, said):
+    with pytest.raises(ValueError, match=said):
+        expose_pictures(pictures(2), exposure)
 
 
 @pytest.mark.parametrize("channels", [1, 3])
