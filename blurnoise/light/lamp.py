@@ -8,6 +8,7 @@ that illuminance stays the average. Probabilities are over random phase. IEEE St
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -68,8 +69,20 @@ class Pwm:
         return torch.where(periods < _MOMENT, at_once, lit / periods.clamp_min(_MOMENT) / self.duty)
 
     def extremes(self, exposure_s: float) -> tuple[float, float]:
-        """Smallest and largest light factor of an exposure: it begins at the end of a pulse, or at its start."""
-        least, most = (float(replace(self, phase=phase).factor(exposure_s)) for phase in (self.duty, 0.0))
+        """Smallest and largest light factor of an exposure: it begins at the end of a pulse, or at its start.
+
+        >>> Pwm(90.0, 0.25).extremes(0.0)  # an instant is dark, or has four times the mean light
+        (0.0, 4.0)
+        """
+        periods = self.frequency_hz * exposure_s
+        if periods < _MOMENT:
+            return float(self.duty == 1), 1 / self.duty
+        whole = (
+            math.floor(periods) * self.duty
+        )  # lit periods among whole ones; the rest may lie in a pulse or beside
+        rest = periods % 1
+        lit = max(0.0, rest - (1 - self.duty)), min(rest, self.duty)
+        least, most = ((whole + periods_lit) / periods / self.duty for periods_lit in lit)
         return least, most
 
     def dark_probability(self, exposure_s: float) -> float:
