@@ -173,8 +173,6 @@ def prints(source):
 NAMED_TWICE: dict[str, set[str]] = {
     # a door for another library
     "RandomExposure": {"blurnoise.albumentations", "blurnoise.training.augmentation"},
-    "Axis": {"blurnoise.blur.fourier", "blurnoise_eval.plan.axes"},
-    "Scene": {"blurnoise.scene.scene", "blurnoise_models.scenes.compose"},
 }
 """Names that stand for several classes all the same, and where; no further ones."""
 

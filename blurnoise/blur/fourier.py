@@ -42,7 +42,7 @@ _LARGEST_PLANE = 2**28  # values; a motion of millions of pixels should fail by 
 
 
 @dataclass(frozen=True)
-class Axis:
+class FrequencyAxis:
     """One axis of a layout: ``core`` pixels from each tile, ``before`` them ``margin``, the tile ``length``."""
 
     size: int
@@ -73,8 +73,8 @@ class Axis:
 class Layout:
     """How a picture is extended and tiled; dims: the axes that are transformed."""
 
-    y: Axis
-    x: Axis
+    y: FrequencyAxis
+    x: FrequencyAxis
     dims: tuple[int, ...]
 
     @property
@@ -141,13 +141,13 @@ def _work(layout: Layout) -> float:
     return tiles * (values * both_ways * axes / 2 + 20_000) + once
 
 
-def _axis(size: int, margin: int, count: int, border: Border) -> Axis:
+def _axis(size: int, margin: int, count: int, border: Border) -> FrequencyAxis:
     if count == 1 and border == "circular":
-        return Axis(size, size, 0, size)
+        return FrequencyAxis(size, size, 0, size)
     if count == 1 and border == "reflect" and 2 * margin > 2 * size:
-        return Axis(size, size, 0, max(1, 2 * size - 2))
+        return FrequencyAxis(size, size, 0, max(1, 2 * size - 2))
     core = math.ceil(size / count)
-    return Axis(size, core, margin, fast_length(core + 2 * margin) if margin else core)
+    return FrequencyAxis(size, core, margin, fast_length(core + 2 * margin) if margin else core)
 
 
 @lru_cache(maxsize=4096)

@@ -1,5 +1,5 @@
 """Synthetic street and room pictures with labelled stop signs: what the default detector is trained on."""
 
-from blurnoise_models.scenes.compose import Scene, scene, write_coco
+from blurnoise_models.scenes.compose import DrawnScene, scene, write_coco
 
-__all__ = ["Scene", "scene", "write_coco"]
+__all__ = ["DrawnScene", "scene", "write_coco"]

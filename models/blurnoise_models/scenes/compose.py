@@ -37,7 +37,7 @@ _LEVELS = 4096  # linear levels between which the tone curve is looked up
 
 
 @dataclass(frozen=True)
-class Scene:
+class DrawnScene:
     """A picture and its stop signs.
 
     picture: (H, W, 3) sRGB-coded RGB.
@@ -48,7 +48,7 @@ class Scene:
     boxes_xyxy: NDArray[np.float32]
 
 
-def scene(seed: int, index: int, *, size_px: int = 320) -> Scene:
+def scene(seed: int, index: int, *, size_px: int = 320) -> DrawnScene:
     """Scene ``index`` of the stream ``seed``, size_px x size_px: a function of these three alone.
 
     Raises ``TypeError`` for numbers that are not integers, ``ValueError`` for a negative seed or index or
@@ -70,7 +70,7 @@ def scene(seed: int, index: int, *, size_px: int = 320) -> Scene:
     for _ in range(int(rng.exponential(1.0))):
         _scatter(rng, canvas, boxes)
     picture = _developed(rng, _lit(rng, canvas))
-    return Scene(picture, np.array(boxes, np.float32).reshape(-1, 4))
+    return DrawnScene(picture, np.array(boxes, np.float32).reshape(-1, 4))
 
 
 def write_coco(
