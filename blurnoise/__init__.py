@@ -10,6 +10,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from blurnoise.blur.convolution import defocus, motion_blur
     from blurnoise.blur.layers import Layer, expose_layers
+    from blurnoise.camera.camera import Camera
+    from blurnoise.camera.captures import Capture
+    from blurnoise.camera.radiometry import photoelectrons
+    from blurnoise.camera.spectra import Curve
+    from blurnoise.camera.transfer import Optics
     from blurnoise.light.lamp import Pwm
     from blurnoise.metrics import slanted_edge
     from blurnoise.motion.ego import blur_pixels, velocity_px_s
@@ -58,15 +63,15 @@ __all__ = [
 _MODULES = {
     "blur.convolution": ("defocus", "motion_blur"),
     "blur.layers": ("Layer", "expose_layers"),
-    "light.lamp": ("Pwm",),
-    "metrics": ("slanted_edge",),
-    "motion.ego": ("blur_pixels", "velocity_px_s"),
-    "motion.trajectory": ("Trajectory",),
     "camera.camera": ("Camera",),
     "camera.captures": ("Capture",),
     "camera.radiometry": ("photoelectrons",),
     "camera.spectra": ("Curve",),
     "camera.transfer": ("Optics",),
+    "light.lamp": ("Pwm",),
+    "metrics": ("slanted_edge",),
+    "motion.ego": ("blur_pixels", "velocity_px_s"),
+    "motion.trajectory": ("Trajectory",),
     "picture.develop": ("develop",),
     "scene.exposure": ("Exposure",),
     "scene.metering": ("AutoExposure",),

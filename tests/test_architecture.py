@@ -10,6 +10,8 @@ from pathlib import Path
 import imports_of
 import pytest
 
+import blurnoise
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {
     "blurnoise": ROOT / "blurnoise",
@@ -270,3 +272,15 @@ def test_what_prints_or_asks_a_database_is_seen():
     assert speaks_sql('rows(f"SELECT {name} FROM cells")')
     assert speaks_sql("import sqlite3")
     assert not speaks_sql('"""Select what is measured."""\n# SELECT\nSELECTED = 1')
+
+
+def test_what_the_simulator_offers_is_typed():
+    """Names that are imported on first use are also imported for type checkers and for the guide's reference."""
+    tree = ast.parse((PACKAGES["blurnoise"] / "__init__.py").read_text(encoding="utf-8"))
+    imported = {
+        alias.asname or alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("blurnoise.")
+        for alias in node.names
+    }
+    assert imported == set(blurnoise.__all__)

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 
 import blurnoise_eval
@@ -68,6 +69,13 @@ def _public() -> set[str]:
     exported = {f"{package.__name__}.{name}" for package in packages for name in package.__all__}
     pages = [(ROOT / page).read_text(encoding="utf-8") for page in PAGES if "/api/" in page]
     return exported | {name for page in pages for name in re.findall(r"^::: (\S+)$", page, re.MULTILINE)}
+
+
+def test_the_reference_shows_what_there_is():
+    """Without building the guide: every name of its pages is a module's, or an attribute of one."""
+    for name in sorted(_public()):
+        module, _, last = name.rpartition(".")
+        assert hasattr(import_module(module), last) or find_spec(name), name
 
 
 def test_what_is_shown_imports_public_names_only():
