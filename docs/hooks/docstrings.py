@@ -1,4 +1,4 @@
-"""Docstrings as Markdown: their roles (``:class:`Camera```) become code."""
+"""Docstrings as Markdown: their roles (``:class:`Camera```) become code, their examples blocks of code."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 import griffe
 
 _ROLE = re.compile(r":(?:class|func|data|mod|meth|attr):`~?([^`]+)`")
+_EXAMPLE = re.compile(r"^>>> .*\n?(?:^[^\n]+\n?)*", re.MULTILINE)
+"""From the first prompt to the next empty line, as doctest reads it."""
 
 
 class Roles(griffe.Extension):
@@ -16,4 +18,9 @@ class Roles(griffe.Extension):
     def on_instance(self, *, obj: griffe.Object, **_: Any) -> None:
         """Any module, class, function or constant."""
         if obj.docstring:
-            obj.docstring.value = _ROLE.sub(r"`\1`", obj.docstring.value)
+            text = _ROLE.sub(r"`\1`", obj.docstring.value)
+            obj.docstring.value = _EXAMPLE.sub(_fenced, text)
+
+
+def _fenced(example: re.Match[str]) -> str:
+    return f"\n```pycon\n{example[0].rstrip()}\n```\n"

@@ -83,8 +83,8 @@ class Bench:
     """A lamp and a range of exposure times, set once for the camera that the data sheet promises."""
 
     def __init__(self, promised):
-        self.longest_s = 1.5 * promised.read_noise_e**2 / dark_electrons_s(promised)
-        self.photons_s = promised.saturation_e / promised.quantum_efficiency / self.longest_s
+        self.longest_s = 1.5 * promised.sensor.read_noise_e**2 / dark_electrons_s(promised)
+        self.photons_s = promised.sensor.saturation_e / promised.sensor.quantum_efficiency / self.longest_s
 
     def analysis(self, camera, seed, fidelity="auto", lines=False):
         """What the package finds in ``camera``'s frames; lines: also of rows and columns."""
