@@ -10,7 +10,7 @@ Nothing heavy is imported above, because the command line's help is made from th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -300,12 +300,46 @@ CORE: Mapping[str, float | None] = {"exposure_s": None, "illuminance_lux": None}
     VELOCITY, 0.0
 )
 """Axes on which every condition has a value: the default, or None where it must be specified."""
+INDEX: Mapping[str, int] = {name: index for index, name in enumerate(NAMES)}
+"""Where an axis stands in ``AXES``."""
 FURTHER: tuple[str, ...] = tuple(name for name in NAMES if name not in CORE)
 """The other axes: where they are not specified, the camera's value holds."""
 CHOICES: Mapping[str, tuple[str, ...]] = {axis.name: axis.choices for axis in AXES if axis.choices}
 """The axes of names."""
 SETTING: tuple[str, ...] = tuple(name for name in NAMES if name not in ("exposure_s", *VELOCITY))
 """Axes that stay the same over a surface of exposures and velocities."""
+
+
+class OnAxes(Mapping[str, float | None]):
+    """A number, or None, on every axis, by the axes' names. Immutable and hashable.
+
+    >>> at = OnAxes(range(len(NAMES)))
+    >>> at["exposure_s"], len(at) == len(NAMES), at == OnAxes(at.values())
+    (0, True, True)
+    """
+
+    __slots__ = ("numbers",)
+
+    numbers: tuple[float | None, ...]
+    """In the order of ``AXES``."""
+
+    def __init__(self, numbers: Iterable[float | None]) -> None:
+        self.numbers = tuple(numbers)
+
+    def __getitem__(self, name: str) -> float | None:
+        return self.numbers[INDEX[name]]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(NAMES)
+
+    def __len__(self) -> int:
+        return len(NAMES)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, OnAxes) and type(other) is type(self) and self.numbers == other.numbers
+
+    def __hash__(self) -> int:
+        return hash(self.numbers)
 
 
 def axis(name: str) -> Axis:

@@ -7,7 +7,7 @@ their seed: they have the same noise field and differ by physics, not by luck (c
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from blurnoise_eval.plan.axes import (
     CORE,
     EGO,
     NAMES,
+    OnAxes,
     axis,
     blur_px,
     velocity_of,
@@ -31,11 +32,10 @@ if TYPE_CHECKING:
 DIFFRACTION_UM = 0.55
 """Wavelength of the diffraction at a specified f-number, for cameras without one: green, the eye's peak."""
 _STAND_INS: Mapping[str, float] = {"exposure_s": 1e-3, "gain_db": 0.0}  # until the picture is metered
-_INDEX = {name: index for index, name in enumerate(NAMES)}
 _LENS = tuple(axis.name for axis in AXES if axis.into.startswith("camera."))
 
 
-class Conditions(Mapping[str, float | None]):
+class Conditions(OnAxes):
     """A value on every axis of ``AXES``; None: the camera's. Immutable and hashable.
 
     Velocities are 0 by default. Raises ``ValueError`` for an unknown axis, or without exposure and illuminance.
@@ -47,7 +47,7 @@ class Conditions(Mapping[str, float | None]):
     Conditions(exposure_s=0.01, illuminance_lux=50.0, velocity_x_px_s=300.0, velocity_y_px_s=0.0)
     """
 
-    __slots__ = ("_values",)
+    __slots__ = ()
 
     def __init__(self, **given: float | None) -> None:
         for name in given:
@@ -56,22 +56,7 @@ class Conditions(Mapping[str, float | None]):
         missing = [name for name in CORE if values[name] is None]
         if missing:
             raise ValueError(f"{missing[0]}: must be specified")
-        self._values = tuple(None if value is None else float(value) + 0.0 for value in values.values())
-
-    def __getitem__(self, name: str) -> float | None:
-        return self._values[_INDEX[name]]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(NAMES)
-
-    def __len__(self) -> int:
-        return len(NAMES)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Conditions) and self._values == other._values
-
-    def __hash__(self) -> int:
-        return hash(self._values)
+        super().__init__(None if value is None else float(value) + 0.0 for value in values.values())
 
     def __repr__(self) -> str:
         """The specified values. The ids of cells are made of this text, so it must never change."""
@@ -80,7 +65,7 @@ class Conditions(Mapping[str, float | None]):
     @property
     def specified(self) -> dict[str, float]:
         """The values that are not left to the camera's figures."""
-        values = zip(NAMES, self._values, strict=True)
+        values = zip(NAMES, self.numbers, strict=True)
         return {name: value for name, value in values if value is not None}
 
     @property
@@ -119,7 +104,7 @@ class Conditions(Mapping[str, float | None]):
         """The value on every axis, the camera's where none is specified: the columns of tables."""
         return {
             axis.name: axis.own(camera) if value is None else value
-            for axis, value in zip(AXES, self._values, strict=True)
+            for axis, value in zip(AXES, self.numbers, strict=True)
         }
 
     @property
@@ -138,7 +123,7 @@ class Conditions(Mapping[str, float | None]):
 
         fields: dict[str, Any] = {}
         lens: dict[str, float] = {}
-        for each, value in zip(AXES, self._values, strict=True):
+        for each, value in zip(AXES, self.numbers, strict=True):
             if value is None:
                 continue
             field, _, part = each.into.partition(".")

@@ -9,14 +9,14 @@ entry of ``AXES`` alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache, lru_cache, partial
 from itertools import groupby
 from operator import attrgetter
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_origin, get_type_hints
 
-from blurnoise_eval.plan.axes import AXES, CHOICES, NAMES, VELOCITY, Axis
+from blurnoise_eval.plan.axes import AXES, CHOICES, INDEX, NAMES, VELOCITY, Axis, OnAxes
 
 CONDITIONS = ("clean", *NAMES)
 """Columns that identify a condition; the original pictures have None on every axis."""
@@ -55,7 +55,7 @@ class TableColumn(NamedTuple):
     meaning: str = ""
 
 
-class AxisValues(Mapping[str, Any]):
+class AxisValues(OnAxes):
     """A number on every axis, by its name; None on an axis that a row has none on. Immutable and hashable.
 
     >>> at = AxisValues.of({"exposure_s": 0.01, "illuminance_lux": 50.0})
@@ -63,17 +63,13 @@ class AxisValues(Mapping[str, Any]):
     (0.01, None, False)
     """
 
-    __slots__ = ("by_name", "numbers", "original")
+    __slots__ = ("original",)
 
-    numbers: tuple[float | None, ...]
-    """In the order of ``AXES``."""
-    by_name: Mapping[str, float | None]
     original: bool
     """Whether these are the original pictures, which have a number on no axis."""
 
-    def __init__(self, numbers: Sequence[float | None]) -> None:
-        self.numbers = tuple(numbers)
-        self.by_name = dict(zip(NAMES, self.numbers, strict=True))
+    def __init__(self, numbers: Iterable[float | None]) -> None:
+        super().__init__(numbers)
         self.original = all(number is None for number in self.numbers)
 
     @classmethod
@@ -81,20 +77,10 @@ class AxisValues(Mapping[str, Any]):
         """By name; None on axes that are not named."""
         return _shared(*(at.get(name) for name in NAMES))
 
-    def __getitem__(self, name: str) -> Any:
-        return self.by_name[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(NAMES)
-
-    def __len__(self) -> int:
-        return len(NAMES)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, AxisValues) and self.numbers == other.numbers
-
-    def __hash__(self) -> int:
-        return hash(self.numbers)
+    def __getitem__(
+        self, name: str
+    ) -> Any:  # whoever reads a simulated picture's row knows that there is a number
+        return super().__getitem__(name)
 
     def __repr__(self) -> str:
         return f"AxisValues.of({ ({name: number for name, number in self.items() if number is not None})!r})"
@@ -126,7 +112,6 @@ class AxisValues(Mapping[str, Any]):
         return AxisValues.of({**self, **numbers})
 
 
-_INDEX = {name: index for index, name in enumerate(NAMES)}
 ORIGINAL = AxisValues((None,) * len(NAMES))
 """Of the original pictures."""
 
@@ -265,7 +250,7 @@ def _of_axis(name: str) -> TableColumn:
         return TableColumn(
             name, "INTEGER", FLAG, "whether this is the original picture; it has no value on any axis"
         )
-    axis = AXES[_INDEX[name]]
+    axis = AXES[INDEX[name]]
     return TableColumn(name, "REAL", _on(axis), axis.title)
 
 
@@ -308,7 +293,7 @@ def _add_part(name: str, row: Row, found: dict[str, Any]) -> None:
     if isinstance(value, AxisValues):
         if row.axes is CONDITIONS:
             found["clean"] = value.original
-            found.update(value.by_name)
+            found.update(zip(NAMES, value.numbers, strict=True))
         else:
             found.update((axis, value[axis]) for axis in row.axes)
     elif isinstance(value, WithInterval):
