@@ -27,7 +27,7 @@ _LARGEST_BYTES = 1 << 20  # of a document: YAML is read at 50 kB a second
 def check_regular(path: Path) -> None:
     """Raise ``OSError`` for a missing file, and for a directory, device or pipe, which may never end."""
     if not stat.S_ISREG(path.stat().st_mode):
-        raise OSError(errno.EINVAL, "a directory, device or pipe, no file", str(path))
+        raise OSError(errno.EINVAL, "is a folder, device or pipe; must be a file", str(path))
 
 
 def read_bytes(path: Path, largest: int = LARGEST_TEXT_BYTES) -> bytes:

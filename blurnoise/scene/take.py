@@ -116,8 +116,8 @@ def take(scene: Scene, exposure: Exposure[Any], options: TakeOptions = USUAL) ->
     """Take the pictures of a scene with a camera, picture i under the i-th values of the exposure.
 
     Frame i depends on its own picture, values and seed alone. Gradients reach the scene's light and the values of the
-    exposure, that of the time without the pulses of a lamp and the motion between captures; they are of the full
-    model, and the numbers are the same with them and without. Raises ``TypeError`` or ``ValueError`` naming the
+    exposure. They are those of the full model, with one exception: the gradient by ``exposure_s`` ignores the pulses
+    of a lamp and the motion between captures. The numbers are the same with gradients and without. Raises ``TypeError`` or ``ValueError`` naming the
     argument, its value and what is allowed.
 
     >>> from blurnoise import Camera, Exposure, Scene

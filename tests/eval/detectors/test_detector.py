@@ -114,7 +114,7 @@ def test_nan_is_dropped_counted_and_warned_of_once(tmp_path):
         ("newer", "IR version: 99"),
         ("weights left behind", r"m\.onnx\.data"),
         ("missing", "no such file"),
-        ("folder", "a directory, device or pipe, no file"),
+        ("folder", "is a folder, device or pipe; must be a file"),
     ],
 )
 def test_files_that_are_no_models(tmp_path, content, message):
