@@ -117,8 +117,8 @@ def take(scene: Scene, exposure: Exposure[Any], options: TakeOptions = USUAL) ->
 
     Frame i depends on its own picture, values and seed alone. Gradients reach the scene's light and the values of the
     exposure. They are those of the full model, with one exception: the gradient by ``exposure_s`` ignores the pulses
-    of a lamp and the motion between captures. The numbers are the same with gradients and without. Raises ``TypeError`` or ``ValueError`` naming the
-    argument, its value and what is allowed.
+    of a lamp and the motion between captures. The numbers are the same with gradients and without. Raises
+    ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
 
     >>> from blurnoise import Camera, Exposure, Scene
     >>> scene = Scene(torch.full((1, 1, 4, 6), 0.18))
