@@ -407,7 +407,12 @@ def test_what_is_no_data_set_of_yolo_is_named(folder, content, fault):
 def test_files_that_are_none(folder):
     (folder / "binary").write_bytes(b"\xff\xfe\x00\x01")
     os.mkfifo(folder / "pipe")
-    faults = {"binary": "not UTF-8", "nothing": "No such file", ".": "directory", "pipe": "pipe, no file"}
+    faults = {
+        "binary": "not UTF-8",
+        "nothing": "No such file",
+        ".": "is a folder",
+        "pipe": "pipe; must be a file",
+    }
     for read in (coco, bdd, texts, yolo):
         for name, fault in faults.items():
             if (read, name) != (yolo, "."):

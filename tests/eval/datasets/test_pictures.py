@@ -108,8 +108,8 @@ def test_unreadable_pictures_say_why(tmp_path):
     os.mkfifo(tmp_path / "pipe.png")
     for name, fault in {
         **dict.fromkeys((*contents, "float.tiff"), "an 8- or 16-bit"),
-        "empty.png": "0 bytes", "missing.png": "No such file", "folder.png": "directory",
-        "bomb.png": "at most 178 megapixels", "pipe.png": "pipe, no file",
+        "empty.png": "0 bytes", "missing.png": "No such file", "folder.png": "is a folder",
+        "bomb.png": "at most 178 megapixels", "pipe.png": "pipe; must be a file",
     }.items():  # fmt: skip
         with pytest.raises(UnreadablePicture, match=f"{name}: .*{fault}"):
             decode(tmp_path / name)
