@@ -126,7 +126,6 @@ def exposure_blur(
     if method == "kornia":
         return _kornia(image, moved, optics, border)
     moved = moved if differentiable(moved) else moved.detach()
-    # On a GPU one transform of the whole batch is faster than one for each picture; a core's cache wants one at a time.
     # A GPU is fastest with one transform for the whole batch, a core's cache with one for each picture.
     together = image.device.type != "cpu" and not any(paths)
     responses: list[fourier.Response | None] = []

@@ -188,7 +188,6 @@ class Displacement:
         by = self.even_px
         if not self.readout.row_s:
             return torch.zeros_like(by), by
-        # A flow carries itself along: what passes p in the middle of its row's exposure came from half-way before.
         # A flow carries itself along: what passes p at the middle of its row's exposure has come from further back.
         rate, middle, lasting = self._rate(by, Window(0, 0, *by.shape[1:]))
         base = _carried(rate, rate * (middle / 2)) * middle

@@ -228,8 +228,6 @@ def exposed(
                 last = near.pop()
                 each = _Alike((*last.layers, *each.layers), last.moves, window)
             near.append(each)
-        # The matte formula is exact where the object or the background is still; else which part of the background
-        # is hidden changes during the exposure.
         # The matte formula is exact where the object or the background is still; else the part of the background
         # that is hidden changes during the exposure.
         if len(near) > 1 or not (moves.still or near[0].moves.still):

@@ -130,7 +130,6 @@ def _strip(plane: Tensor, along_y: _Pairs, along_x: _Pairs) -> Tensor:
         for place_x, weight_x in along_x:
             grid = np.stack([place_x * (2 / (width - 1)) - 1, place_y * (2 / (height - 1)) - 1], -1)
             places = torch.from_numpy(grid).to(plane).expand(len(plane), -1, -1, -1)
-            # A bilinear sample at the right place between two taps holds both, which halves the samples along each axis.
             # A bilinear sample at the right point between two taps holds both: half as many along each axis.
             tap = functional.grid_sample(plane, places, "bilinear", "border", align_corners=True)
             seen = seen + tap * torch.from_numpy(weight_x * weight_y).to(plane)

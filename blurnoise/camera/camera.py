@@ -29,8 +29,8 @@ class Camera:
 
     >>> from blurnoise import Camera
     >>> camera = Camera.preset("imx250")
-    >>> camera.sensor.pixel_pitch_um, camera.lens.f_number, camera.sensor.full_scale_dn
-    (3.45, 1.4, 4095)
+    >>> camera.sensor.pixel_pitch_um, camera.sensor.full_well_e, camera.lens.f_number  # um, electrons
+    (3.45, 10715.0, 1.4)
     """
 
     name: Text

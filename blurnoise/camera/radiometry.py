@@ -100,7 +100,14 @@ def colour_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[floa
 
 @lru_cache(maxsize=64)
 def clear_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, float, float]:
-    """Shares of red, green and blue in the electrons of clear pixels of an RCCB mosaic under white light."""
+    """Shares of red, green and blue in the electrons of clear pixels of an RCCB mosaic under white light.
+
+    >>> red, blue = Curve((580.0, 700.0), (0.5, 0.5)), Curve((400.0, 490.0), (0.5, 0.5))
+    >>> curves = FilterCurves(red=red, blue=blue, clear=0.5)
+    >>> rccb = Camera.preset("imx250").with_figures(cfa="RCCB", quantum_efficiency=curves)
+    >>> [round(share, 2) for share in clear_shares(rccb)]  # green is what red and blue leave of clear
+    [0.46, 0.32, 0.23]
+    """
     electrons = filter_electrons(camera, illuminant)
     red, blue, clear = (electrons[letter] for letter in "RBC")
     if not clear - red - blue > _LEAST_GREEN * clear:

@@ -74,9 +74,9 @@ def develop_8bit(
 ) -> Tensor:
     """The sRGB picture of :func:`develop` as an 8-bit camera file would hold it: uint8, of its shape.
 
-    >>> camera = Camera.preset("imx250")
-    >>> develop_8bit(torch.tensor([[[[6, 1000, 4095]]]]), camera)  # black level, grey, full scale
-    tensor([[[[  0, 135, 255]]]], dtype=torch.uint8)
+    >>> camera = Camera.preset("imx250").with_figures(black_level_dn=95.0)
+    >>> develop_8bit(torch.tensor([[[[95, 1095, 4095]]]]), camera)  # no light, a quarter, all of the range
+    tensor([[[[  0, 137, 255]]]], dtype=torch.uint8)
     """
     at = Development(camera, gain_db, "srgb", illuminant, white_e)
     _, active = _checked(dn, camera)
@@ -89,9 +89,9 @@ def develop_8bit(
 def tones_8bit(camera: Camera, gain_db: float = 0.0, illuminant: str | Curve = "D55") -> Tensor:
     """The 8-bit sRGB value of every digital number, uint8 on the CPU, by the pointwise steps.
 
-    >>> tones = tones_8bit(Camera.preset("imx250"))
-    >>> len(tones), tones[[6, 1000, 4095]].tolist()
-    (4096, [0, 135, 255])
+    >>> tones = tones_8bit(Camera.preset("imx250").with_figures(black_level_dn=95.0))
+    >>> len(tones), tones[[95, 1095, 4095]].tolist()
+    (4096, [0, 137, 255])
     """
     pointwise = tuple(step for step in steps.active(camera) if step.pointwise)
     return _table(Development(camera, gain_db, "srgb", illuminant), pointwise, torch.uint8)
