@@ -79,7 +79,7 @@ def captures_of_exposure(
                 temperature_c,
                 velocity,
                 paths_now,
-                scene.illuminant,
+                exposure.illuminant,
                 **of_scene,
             ),
             seeds_now,

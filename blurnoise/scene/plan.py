@@ -100,7 +100,7 @@ def plan(
     for at, _ in captures_of_exposure(scene, exposure, len(scene.light)):
         light, at = effects.scene_at(scene.light, at, border=scene.border)
         whitest = scene.brightest if light is scene.light else brightest(light, at.layers)
-        white = whitest[0] * radiometry.peak(at.camera, scene.illuminant)
+        white = whitest[0] * radiometry.peak(at.camera, at.illuminant)
         plans.append((at, plan_at(next(at.each()), tolerance_dn, white)))
     (at, first), (_, last) = plans[0], plans[-1]
     if len(plans) == 1:
