@@ -97,6 +97,8 @@ class Camera:
     def with_figures(self, **figures: Any) -> Camera:
         """The camera with other figures, by the names of the records' fields; ``name`` and ``sources``, too.
 
+        A measured ``t_number`` follows the f-number, see :meth:`Lens.changed`.
+
         >>> from blurnoise import Camera
         >>> faster = Camera.preset("imx250").with_figures(f_number=1.4, read_noise_e=1.0)
         >>> faster.lens.f_number, faster.sensor.read_noise_e
@@ -107,7 +109,11 @@ class Camera:
             if name not in ("name", "sources"):
                 known("figure", name, RECORD_OF)
             parts.setdefault(RECORD_OF.get(name, ""), {})[name] = value
-        records = {record: replace(getattr(self, record), **own) for record, own in parts.items() if record}
+        records: dict[str, Any] = {
+            record: self.lens.changed(**own) if record == "lens" else replace(getattr(self, record), **own)
+            for record, own in parts.items()
+            if record
+        }
         return replace(self, **records, **parts[""])
 
     def at_gain(self, gain_db: float) -> Amplified:

@@ -181,7 +181,7 @@ def _over_the_field(given: object, folder: Path) -> dict[str, Any]:
             known("figure", name, OVER_THE_FIELD)
         values = {name: _value(Lens, name, value, folder) for name, value in given.items()}
         # Checked before the flat figures are there, so that messages name ``lens``.
-        alone = Lens(f_number=1.0, transmission=1.0, **values)
+        alone = Lens(f_number=0.5, transmission=1.0, **values)
     except (TypeError, ValueError, csv.Error) as error:
         raise within("lens", error) from None
     return {name: getattr(alone, name) for name in OVER_THE_FIELD}

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -27,6 +27,7 @@ _STEEPEST_RAD = np.pi / 2 - 1e-3  # a picture of a pinhole camera holds no more
 _STEP = 1e-5
 _FIGURES = "must map figures to values"
 _Share = Annotated[Figure, Ge(0), Le(1)]
+_SCATTERED = Limit(0.0, 0.5)  # of the light: beyond, the veil is the picture
 
 
 @dataclass(frozen=True)
@@ -198,6 +199,12 @@ class Lens:
     """Measured distortion, by a model of OpenCV."""
     mtf: Annotated[Mtf | None, _FIGURES] = None
     """Measured transfer function, in place of the disc and diffraction."""
+    veil_share: Annotated[Figure, CameraFigure("Veil", "", _SCATTERED, span=(0.0, 0.1))] = 0.0
+    """Share of the light that is scattered over the whole picture, see :mod:`blurnoise.light.veil`."""
+    halo_share: Annotated[Figure, CameraFigure("Halos", "", _SCATTERED, span=(0.0, 0.2))] = 0.0
+    """Share of the light that is scattered around its place, with 1 / r^2 from 4 to 256 px of the sensor."""
+    t_number: Annotated[Figure, CameraFigure("T-number", "", Limit(0.0, 1e6))] = 0.0
+    """Measured f_number / sqrt(transmission), which sets the light in place of both; 0: none."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -211,6 +218,12 @@ class Lens:
             fault = f"lens.mtf: is measured with defocus and diffraction, at its own f-number; {must}"
         elif self.field_curvature_px and self.defocus_counts_pixel:
             fault = "lens.field_curvature_px: must be 0 where defocus_counts_pixel is true"
+        elif self.veil_share + self.halo_share > _SCATTERED.high:
+            total = f"{self.veil_share + self.halo_share:g}"
+            fault = f"veil_share + halo_share = {total}: must be at most {_SCATTERED.high:g}"
+        elif self.t_number and self.t_number < self.f_number:
+            must = f"must be 0 or at least f_number = {self.f_number:g}, as no lens passes more light than it gets"
+            fault = f"t_number = {self.t_number:g}: {must}"
         elif self.hfov_deg >= 180 and pinhole:
             must = "must be < 180 for the field angles of lens.falloff_power and lens.distortion"
             fault = f"hfov_deg = {self.hfov_deg:g}: {must}, or lens.distortion states its focal_px"
@@ -221,6 +234,19 @@ class Lens:
     def displaces(self) -> bool:
         """Whether it displaces objects in the picture; lateral colour does not count."""
         return self.distortion is not None and self.distortion.displaces
+
+    def changed(self, **figures: Any) -> Lens:
+        """The lens with other figures. Its t_number scales with f_number; another transmission takes its place.
+
+        >>> Lens(f_number=2.0, transmission=0.9, t_number=2.2).changed(f_number=4.0).t_number
+        4.4
+        """
+        if not self.t_number or "t_number" in figures:
+            return replace(self, **figures)
+        lens = replace(self, t_number=0.0, **figures)
+        if "transmission" in figures:
+            return lens
+        return replace(lens, t_number=self.t_number * lens.f_number / self.f_number)
 
 
 Size = tuple[int, int]  # of a picture, (H, W)
