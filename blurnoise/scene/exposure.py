@@ -31,7 +31,7 @@ from blurnoise.blur.layers import Layer
 from blurnoise.camera import Camera
 from blurnoise.camera.camera import Amplified
 from blurnoise.camera.lens import pixels
-from blurnoise.camera.spectra import Curve, Floats
+from blurnoise.camera.spectra import Curve, Floats, check_illuminant
 from blurnoise.light import effects
 from blurnoise.light.lamp import Pwm
 from blurnoise.light.resolved import Resolved
@@ -61,8 +61,9 @@ class Exposure(Generic[Number]):
     trajectory: motion in addition to the velocity; for a batch also one or None for each picture. moves: an entry of
     ``MOVES``: which part of a picture with cut-out targets moves. ego_speed_m_s: speed of the camera's vehicle, in
     place of velocity_px_s; with moves = "background" the targets drive along. lamp: the pulsed lamp that lights the
-    scene; for a batch also one or None for each picture. Raises ``TypeError`` or ``ValueError`` naming the field and
-    what is allowed.
+    scene; for a batch also one or None for each picture. illuminant: the light's spectrum, a name or a curve (see
+    :func:`blurnoise.camera.spectra.illuminant`), one for a batch. Raises ``TypeError`` or ``ValueError`` naming the
+    field and what is allowed.
 
     >>> from blurnoise import Camera
     >>> exposure = Exposure(Camera.preset("imx250"), 0.01, 50.0, velocity_px_s=(1000.0, 0.0))
@@ -82,11 +83,13 @@ class Exposure(Generic[Number]):
     ego_speed_m_s: Number | float = 0.0
     vehicle: Vehicle = USUAL_VEHICLE
     lamp: Any = None  # Pwm | None, of a batch also Sequence[Pwm | None]
+    illuminant: str | Curve = "D55"
 
     def __post_init__(self) -> None:
         an_instance("camera", self.camera, Camera)
         one_of("moves", self.moves, MOVES)
         an_instance("vehicle", self.vehicle, Vehicle)
+        check_illuminant(self.illuminant)
         if not isinstance(self.gain_db, AutoExposure):
             _ = self.amplified  # whose gain has limits of its own
         batched = self.batched
@@ -141,7 +144,7 @@ class Exposure(Generic[Number]):
             raise ValueError("gain_db: is automatic; 'metered' sets it for the light of a picture")
         return amplified(self.camera, self.gain_db)
 
-    def metered(self: Exposure[float], mean_light: float, illuminant: str | Curve = "D55") -> Exposure[float]:
+    def metered(self: Exposure[float], mean_light: float) -> Exposure[float]:
         """The exposure with the gain, and the time, that its auto-exposure sets for a picture of this mean light."""
         if not isinstance(self.gain_db, AutoExposure):
             return self
@@ -151,13 +154,13 @@ class Exposure(Generic[Number]):
             illuminance_lux=self.illuminance_lux,
             exposure_s=None if self.automatic_time else self.exposure_s,
             temperature_c=float(self.temperature_c),
-            illuminant=illuminant,
+            illuminant=self.illuminant,
         )
         return replace(self, exposure_s=setting.exposure_s, gain_db=setting.gain_db)
 
     @staticmethod
     def stack(exposures: Sequence[Exposure[float]]) -> Exposure[Tensor]:
-        """Exposures of one camera, gain, ego speed and part that moves as a batch, in double precision."""
+        """Exposures of one camera, spectrum, gain, ego speed and part that moves as a batch, in double precision."""
         first = exposures[0]
         numbers: dict[str, Any] = {
             name: torch.tensor([getattr(one, name) for one in exposures], dtype=torch.float64)

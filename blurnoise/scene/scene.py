@@ -19,7 +19,6 @@ from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import batch_shaped, image_batch, one_of
 from blurnoise.blur.layers import Layer, Layers, layers_per_picture
 from blurnoise.camera.colour import PictureTone, picture_tone, untoned
-from blurnoise.camera.spectra import Curve, check_illuminant
 from blurnoise.light.capture import checked_mask
 from blurnoise.scene.metering import anchored
 
@@ -31,9 +30,9 @@ class Scene:
     """Pictures as linear light (B, C, H, W) for cameras to take; 1 is white. Any number of threads may use it.
 
     layers: objects in front of the pictures, the same for all, or a sequence for each (:mod:`blurnoise.blur.layers`).
-    border: how pictures go on beyond their sides. illuminant: the light's spectrum, a name or a curve. lamp_mask:
-    (H, W) or (B, H, W), the share of each pixel's light that comes from a pulsed lamp; None: all of it. Raises
-    ``TypeError`` or ``ValueError`` naming the argument.
+    border: how pictures go on beyond their sides. lamp_mask: (H, W) or (B, H, W), the share of each pixel's light
+    that comes from a pulsed lamp; None: all of it. The light's spectrum is the exposure's. Raises ``TypeError`` or
+    ``ValueError`` naming the argument.
 
     >>> scene = Scene.of_picture(np.full((2, 3, 3), 118, np.uint8))
     >>> round(float(scene.light.mean()), 3)  # the reflectance of middle grey
@@ -44,7 +43,6 @@ class Scene:
     _: KW_ONLY
     layers: Layers = ()
     border: Border = "reflect"
-    illuminant: str | Curve = "D55"
     lamp_mask: Tensor | None = None
 
     def __post_init__(self) -> None:
@@ -52,7 +50,6 @@ class Scene:
         per_picture = layers_per_picture(self.layers, light)
         self.per_picture: tuple[tuple[Layer, ...], ...] = per_picture if any(per_picture) else ()
         one_of("border", self.border, BORDERS)
-        check_illuminant(self.illuminant)
         self.brightest = brightest(light, per_picture)
         if self.lamp_mask is not None:
             self.lamp_mask = checked_mask(self.lamp_mask, len(light), self.size)
@@ -88,7 +85,11 @@ def _noise_field(plane: Tensor, seed: int, stream: str, planes: int) -> Tensor:
 
 
 def brightest(light: Tensor, layers: Sequence[Sequence[Layer]]) -> list[float]:
-    """Light of the brightest surface of each picture (B, C, H, W), that of its layers included, at least white."""
+    """Light of the brightest surface of each picture (B, C, H, W), that of its layers included, at least white.
+
+    >>> brightest(torch.full((1, 1, 4, 6), 0.5), []), brightest(torch.full((1, 1, 4, 6), 3.0), [])
+    ([1.0], [3.0])
+    """
     every = layers or ((),) * len(light)
     return [
         max(1.0, extremes(picture)[1], *(float(layer.light.detach().amax()) for layer in some))
@@ -113,7 +114,11 @@ def scene_reflectance(image: Tensor, encoding: PictureTone) -> Tensor:
 
 
 def extremes(values: Tensor) -> tuple[float, float]:
-    """Smallest and largest value; NumPy's wake no threads, which would spin during the work that follows."""
+    """Smallest and largest value; NumPy's wake no threads, which would spin during the work that follows.
+
+    >>> extremes(torch.tensor([0.25, 0.5, 0.75]))
+    (0.25, 0.75)
+    """
     plain = values.detach()
     low, high = plain.aminmax() if plain.device.type != "cpu" else (plain.numpy().min(), plain.numpy().max())
     return float(low), float(high)

@@ -89,7 +89,6 @@ def simulate(
         anchored(scene_reflectance(image, encoding), grey_anchor),
         layers=layers,
         border=border,
-        illuminant=illuminant,
     )
     exposure: Exposure[Any] = Exposure(
         camera,
@@ -98,6 +97,7 @@ def simulate(
         velocity_px_s=velocity_px_s,
         temperature_c=temperature_c,
         trajectory=trajectory,
+        illuminant=illuminant,
         seed=rng.item_seeds(generator, len(image)),
     )
     options = TakeOptions(

@@ -53,6 +53,14 @@ class TakeOptions:
     gives mean frames. quantised: False omits rounding. pattern_seed: selects the specimen of the camera (its fixed
     pattern). encoding: of the picture, "srgb" for the camera's tone curve or "linear". white: the light that becomes
     white in a picture of several captures. Raises ``TypeError`` or ``ValueError`` naming the option.
+
+    >>> import torch
+    >>> from blurnoise import Camera, Exposure, Scene, TakeOptions, take
+    >>> exposure = Exposure(Camera.preset("imx250"), exposure_s=0.005, illuminance_lux=60.0)
+    >>> options = TakeOptions(wanted=("raw",), noise=False, quantised=False)
+    >>> frames = take(Scene(torch.full((1, 1, 4, 6), 0.18)), exposure, options)
+    >>> len(frames.raw), frames.picture.numel()  # what was not wanted is empty
+    (1, 0)
     """
 
     wanted: tuple[Wanted, ...] = ("picture",)
@@ -87,6 +95,13 @@ class Frames:
     exposure: with the gain and time that an auto-exposure set. raw: digital numbers of every capture, (B, C, H, W)
     each, for a mosaic or one plane (B, 1, H, W). picture: floats in [0, 1], (B, C, H, W), C at least the scene's.
     eight_bit: the sRGB picture, uint8. simulate_ms: computing time of each frame.
+
+    >>> import torch
+    >>> from blurnoise import Camera, Exposure, Scene, TakeOptions, take
+    >>> exposure = Exposure(Camera.preset("imx250"), exposure_s=0.005, illuminance_lux=60.0)
+    >>> frames = take(Scene(torch.full((1, 3, 4, 6), 0.18)), exposure, TakeOptions(("raw", "8 bit")))
+    >>> frames.images()[0].shape, frames.native_images()[0].dtype
+    ((4, 6, 3), dtype('uint16'))
     """
 
     exposure: Exposure[Any]
@@ -178,16 +193,16 @@ def _metered(scene: Scene, exposure: Exposure[Any]) -> Exposure[Any]:
     if len(scene.light) != 1 or exposure.batched:
         must = "must be a number for several pictures; blurnoise.expose_pictures meters each"
         raise ValueError(f"gain_db: is automatic; {must}")
-    (mean_light,) = mean_luma(scene.light, exposure.camera, scene.illuminant).tolist()
-    return exposure.metered(mean_light, scene.illuminant)
+    (mean_light,) = mean_luma(scene.light, exposure.camera, exposure.illuminant).tolist()
+    return exposure.metered(mean_light)
 
 
 def _reads_alike(exposure: Exposure[float]) -> Hashable:
     """Equal for exposures that differ in light, time and temperature alone, and move equally far."""
     moved = tuple(speed * exposure.exposure_s for speed in exposure.velocity_px_s)
     drives = (exposure.exposure_s, exposure.ego_speed_m_s, exposure.vehicle) if exposure.drives else None
-    what = exposure.camera, exposure.gain_db, exposure.seed, exposure.trajectory, exposure.lamp
-    return *what, exposure.moves, moved, drives
+    what = exposure.camera, exposure.illuminant, exposure.gain_db, exposure.seed, exposure.trajectory
+    return *what, exposure.lamp, exposure.moves, moved, drives
 
 
 def _taken(
@@ -203,9 +218,9 @@ def _taken(
     tolerance_dn, tones = options.tolerance_dn, None
     if options.wanted == ("8 bit",) and not later:
         # Gain and colours amplify what a raw frame omits; the tolerance is that of the picture.
-        tolerance_dn /= max(1.0, 10 ** (digital_db / 20)) * magnification(camera, scene.illuminant)
+        tolerance_dn /= max(1.0, 10 ** (digital_db / 20)) * magnification(camera, exposure.illuminant)
         if tabulated(reader):  # each value depends on its own digital number alone: a table develops it
-            tones = tones_8bit(reader, digital_db, scene.illuminant)
+            tones = tones_8bit(reader, digital_db, exposure.illuminant)
 
     raw = [
         _capture(scene, at, seeds, options, tolerance_dn, tones, shared)
@@ -215,11 +230,11 @@ def _taken(
     channels = scene.light.shape[1]
     if tones is not None:
         return Frames(exposure, eight_bit=in_channels(raw[0], channels))
-    lit_by: dict[str, Any] = {"illuminant": scene.illuminant, "gain_db": digital_db}
+    lit_by: dict[str, Any] = {"illuminant": exposure.illuminant, "gain_db": digital_db}
     dn = raw[0]
     if later:  # fused in electrons of the first capture, of which those of white become 1 at any gain
         dn, reader = torch.stack(raw), camera
-        lit_by = {"illuminant": scene.illuminant, "white_e": _white_e(scene, exposure, batch) * options.white}
+        lit_by = {"illuminant": exposure.illuminant, "white_e": _white_e(exposure, batch) * options.white}
     picture = eight_bit = _NOT_WANTED
     if "picture" in options.wanted:
         picture = develop(dn, reader, encoding=options.encoding, **lit_by)
@@ -253,7 +268,7 @@ def _capture(
     alike: dict[Hashable, tuple[Plan, list[int]]] = {}
     everything = options.fidelity == "full" or _differentiable(light, at)
     for item, one in enumerate(at.each()):
-        white = whites[item] * radiometry.peak(at.camera, scene.illuminant)
+        white = whites[item] * radiometry.peak(at.camera, at.illuminant)
         plan = Plan((), at.camera) if everything else plan_at(one, tolerance_dn, white)
         light_key = bool(one.objects) if shared is None else effects.key(plan.reduced(one), plan.without)
         alike.setdefault((plan, light_key), (plan, []))[1].append(item)
@@ -271,7 +286,7 @@ def _capture(
                 shared[key] = _through(scene, light, at, plan, items[:1])
             lit = shared[key]
         # The colour filters.
-        on_pixels = radiometry.on_sensor(lit, plan.camera, scene.illuminant)
+        on_pixels = radiometry.on_sensor(lit, plan.camera, at.illuminant)
         # The sensor: photons to electrons, their noise, gain, and the converter.
         to = None if out is None or isinstance(indices, list) else out[indices]
         if to is None and shared is None and tones is None and _owned(on_pixels, light):
@@ -329,10 +344,10 @@ def _fixed_pattern(
     return camera.sensor.fixed_pattern((planes, *scene.size), pattern_seed)
 
 
-def _white_e(scene: Scene, exposure: Exposure[Any], batch: int) -> Tensor:
+def _white_e(exposure: Exposure[Any], batch: int) -> Tensor:
     """Electrons (B,) of white in the first capture."""
     like = torch.empty(0, dtype=torch.float64)
     exposure_s = limited_per_image("exposure_s", exposure.exposure_s, batch, like)
     lux = limited_per_image("illuminance_lux", exposure.illuminance_lux, batch, like)
-    per_lux_s = radiometry.electrons_per_lux_s(exposure.camera, scene.illuminant)
+    per_lux_s = radiometry.electrons_per_lux_s(exposure.camera, exposure.illuminant)
     return lux * exposure_s * (per_lux_s * captures_of(exposure.camera)[0].sensitivity)

@@ -89,7 +89,7 @@ def expose_pictures(
             cuts[item] = in_motion(light, matte, of_targets, one.exposure_s)
 
     def taken_together(items: list[int]) -> Tensor:
-        """Pictures of one camera, gain and vehicle, all cut or none."""
+        """Pictures of one camera, spectrum, gain and vehicle, all cut or none."""
         of: Any = slice(None) if len(items) == batch else items  # a slice makes no copy
         cut = [cuts[item] for item in items if item in cuts]
         light = (
@@ -106,7 +106,7 @@ def expose_pictures(
 
     groups: dict[Any, list[int]] = {}
     for item, one in enumerate(exposures):
-        key = one.camera, one.gain_db, item in cuts, one.vehicle if one.drives else None
+        key = one.camera, one.illuminant, one.gain_db, item in cuts, one.vehicle if one.drives else None
         groups.setdefault(key, []).append(item)
     parts = [taken_together(items) for items in groups.values()]
     if len(parts) == 1:
@@ -119,7 +119,13 @@ def expose_pictures(
 
 def exposures_of(exposure: Exposure | Sequence[Exposure], batch: int) -> list[Exposure]:
     """An exposure for each picture. One for all has the noise of its seed in the first picture, and noise of its own
-    in every other one. Raises ``TypeError`` or ``ValueError``."""
+    in every other one. Raises ``TypeError`` or ``ValueError``.
+
+    >>> from blurnoise import Camera
+    >>> exposures = exposures_of(Exposure(Camera.preset("imx250"), 0.01, 50.0, seed=1), 3)
+    >>> exposures[0].seed, len({one.seed for one in exposures})  # noise of its own in every picture
+    (1, 3)
+    """
     if isinstance(exposure, Exposure):
         if exposure.batched:
             return list(exposure.each(batch))
@@ -136,8 +142,8 @@ def exposures_of(exposure: Exposure | Sequence[Exposure], batch: int) -> list[Ex
 
 
 def _together(exposures: Sequence[Exposure], like: Tensor, *, cut: bool, lamps: bool) -> Exposure[Tensor]:
-    """Exposures of one camera, gain and vehicle as a batch. cut: of the backgrounds, whose layers move on their own.
-    lamps: whether any lamp lights the pictures."""
+    """Exposures of one camera, spectrum, gain and vehicle as a batch. cut: of the backgrounds, whose layers move on
+    their own. lamps: whether any lamp lights the pictures."""
     first, drives = exposures[0], exposures[0].drives
     velocities = [(0.0, 0.0) if cut and one.moves == "targets" else one.velocity_px_s for one in exposures]
     of_each: dict[str, Any] = {
@@ -154,6 +160,7 @@ def _together(exposures: Sequence[Exposure], like: Tensor, *, cut: bool, lamps: 
         gain_db=first.gain_db,
         ego_speed_m_s=like.new_tensor([one.ego_speed_m_s for one in exposures]) if drives else 0.0,
         vehicle=first.vehicle if drives else USUAL_VEHICLE,
+        illuminant=first.illuminant,
         **of_each,
     )
 
@@ -163,8 +170,9 @@ def _metered(exposures: list[Exposure], scene: Tensor, encoding: PictureTone) ->
     if not any(isinstance(one.gain_db, AutoExposure) for one in exposures):
         return exposures
     light = scene_reflectance(scene.detach(), encoding)
-    means = {camera: mean_luma(light, camera).tolist() for camera in {one.camera for one in exposures}}
-    return [one.metered(means[one.camera][item]) for item, one in enumerate(exposures)]
+    lit_by = {(one.camera, one.illuminant) for one in exposures}
+    means = {each: mean_luma(light, *each).tolist() for each in lit_by}
+    return [one.metered(means[one.camera, one.illuminant][item]) for item, one in enumerate(exposures)]
 
 
 def _memory_format(image: Tensor) -> torch.memory_format:

@@ -36,7 +36,7 @@ DIRECTED = {
     "encoding": "srgb",
     "fidelity": "auto",
 }
-SCENE = {"border": "reflect", "illuminant": "D55"}
+SCENE = {"border": "reflect"}
 BATCH = {
     "exposure_s": torch.full((2,), 0.01),
     "illuminance_lux": torch.full((2,), 10.0),
@@ -82,7 +82,8 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.Layer, LAYER),
     (blurnoise.expose_layers, {**MOVED, "background": PICTURES, "layers": [blurnoise.Layer(**LAYER)]}),
     (blurnoise.Curve, {"wavelengths_nm": (400.0, 700.0), "values": (0.1, 0.2)}),
-    (blurnoise.Exposure, {**LIT, "velocity_px_s": (0.0, 0.0), "temperature_c": 25.0, "gain_db": 0.0, "seed": 0}),
+    (blurnoise.Exposure, {**LIT, "velocity_px_s": (0.0, 0.0), "temperature_c": 25.0, "gain_db": 0.0, "seed": 0,
+                          "illuminant": "D55"}),
     (blurnoise.Optics, dict.fromkeys(("defocus_radius_px", "gaussian_sigma_px", "diffraction_lambda_n_px"), 1.0)),
     (blurnoise.RandomExposure, {**LIT, **DIRECTED, "p": 0.5}),
     (blurnoise.Scene, {"light": PICTURES, **SCENE}),
@@ -170,7 +171,7 @@ HOSTILE: Mapping[str, Any] = {
 }
 NEVER_RIGHT = ("text", "NaN", "Inf", "-1e300", "complex", "object")
 # A name is any text, dark electrons below 0 are a number; the others are read when they are used.
-READ_LATER = {"Camera.name", "Scene.illuminant", "take_each.exposures", "Sensor.dark_variance_dn2.dark_e"}
+READ_LATER = {"Camera.name", "take_each.exposures", "Sensor.dark_variance_dn2.dark_e"}
 
 
 def test_every_public_function_is_here():

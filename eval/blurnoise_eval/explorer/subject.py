@@ -189,7 +189,7 @@ class Rendered:
             height, width = self.frame.image.shape[:2]
             flow = exposure.vehicle.flow_px_s(exposure.camera, (height, width), exposure.ego_speed_m_s)
             blur_px = float(middle_of(flow[None] * exposure.exposure_s)[0].norm())
-        white_e = photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s)
+        white_e = photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s, exposure.illuminant)
         return {
             "white_electrons": ("White", white_e, "e-"),
             "saturation_electrons": ("Saturation", camera.sensor.saturation_e, "e-"),

@@ -22,6 +22,7 @@ from blurnoise._core.checks import limited_motion
 from blurnoise.camera import Camera
 from blurnoise.camera.captures import longest_first_s, windows
 from blurnoise.camera.radiometry import dark_electrons, electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
 from blurnoise.light.motion import readout_of
 from blurnoise.picture import fusion
 from blurnoise.picture.develop import develop_8bit, tones_8bit
@@ -84,7 +85,7 @@ class PictureScene:
         self._picture, self.objects = picture, plan.objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
         self._lock = threading.Lock()
-        self._means: dict[Camera, float] = {}
+        self._means: dict[tuple[Camera, str | Curve], float] = {}
         try:
             self.light = Scene.of_picture(image, plan.grey_anchor, plan.picture_tone)
         except ValueError as error:
@@ -127,11 +128,12 @@ class PictureScene:
                 found[place] = math.hypot(*velocity) * taken.exposure_s
         return found
 
-    def mean_light(self, camera: Camera) -> float:
+    def mean_light(self, camera: Camera, illuminant: str | Curve = "D55") -> float:
         """As the camera meters it: by luma, or by what its pixels make of the colours."""
-        if camera not in self._means:
-            self._means[camera] = float(mean_luma(self.light.light, camera)[0])
-        return self._means[camera]
+        lit = camera, illuminant
+        if lit not in self._means:
+            self._means[lit] = float(mean_luma(self.light.light, camera, illuminant)[0])
+        return self._means[lit]
 
     def missed_pulse(self, taken: Exposure) -> bool | None:
         """Whether no row of the pulsed lamp receives light in any capture, at rest; None without lamp."""
@@ -185,13 +187,15 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
     plan = scene.plan
     yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
     exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
-    mean, (height, width) = scene.mean_light(camera) if exposed else 0.0, scene.image8.shape[:2]
+    height, width = scene.image8.shape[:2]
     exposures = []
     for cell, at in exposed:
         exposure = at.exposure(camera, cell.seed, vehicle=plan.vehicle)
         if at.automatic:
             exposure_s = math.nan if "exposure_s" in at.automatic else exposure.exposure_s
-            exposure = replace(exposure, exposure_s=exposure_s, gain_db=plan.auto_exposure).metered(mean)
+            exposure = replace(exposure, exposure_s=exposure_s, gain_db=plan.auto_exposure).metered(
+                scene.mean_light(camera, exposure.illuminant)
+            )
         if plan.path is not None:
             along = plan.path[0].of(camera, (height, width), plan.path[1], cell.seed)
             exposure = replace(exposure, trajectory=along)
@@ -210,7 +214,7 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
             exposure,
             *boxes,
             saturated=_saturated(image, brightest(exposure, plan.hdr_white)),
-            snr_db=snr_db(exposure, mean),
+            snr_db=snr_db(exposure, scene.mean_light(camera, exposure.illuminant)),
             brightness=cv2.mean(image.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
             own_px=scene.own_px(exposure),
@@ -233,7 +237,7 @@ def brightest(exposure: Exposure, hdr_white: float = 1.0) -> int:
     reader, *more = readers(camera)
     if not more:
         return _brightest(reader, digital_db)
-    return _brightest_fused(camera, _white_e(exposure) * hdr_white)
+    return _brightest_fused(camera, _white_e(exposure) * hdr_white, exposure.illuminant)
 
 
 @lru_cache(maxsize=64)
@@ -242,17 +246,18 @@ def _brightest(camera: Camera, digital_db: float) -> int:
 
 
 @lru_cache(maxsize=256)
-def _brightest_fused(camera: Camera, white_e: float) -> int:
+def _brightest_fused(camera: Camera, white_e: float, illuminant: str | Curve) -> int:
     planes = 3 if camera.sensor.cfa == "none" else 1
     limits_dn = [float(int(reader.sensor.saturated_dn)) for reader in readers(camera)]
     dn = torch.stack([torch.full((1, planes, 4, 4), limit_dn) for limit_dn in limits_dn])
-    return int(develop_8bit(dn, camera, white_e=torch.tensor([white_e])).min())
+    return int(develop_8bit(dn, camera, illuminant=illuminant, white_e=torch.tensor([white_e])).min())
 
 
 def _white_e(exposure: Exposure) -> float:
     """Electrons of white in the first capture."""
     lux_s = exposure.illuminance_lux * exposure.exposure_s
-    return lux_s * electrons_per_lux_s(exposure.camera) * captures_of(exposure.camera)[0].sensitivity
+    per_lux_s = electrons_per_lux_s(exposure.camera, exposure.illuminant)
+    return lux_s * per_lux_s * captures_of(exposure.camera)[0].sensitivity
 
 
 def _motion(taken: Exposure) -> tuple[object, ...]:

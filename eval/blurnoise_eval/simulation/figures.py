@@ -18,7 +18,7 @@ from blurnoise.scene.cutting import Cut
 
 def figures(scene: Scene, exposure: Exposure, dn: Tensor, cut: Cut | None) -> dict[str, Any]:
     """Figures of a frame of the first capture; where the camera drives, the blur is the median of all pixels'."""
-    camera, lit_by = exposure.camera, scene.illuminant
+    camera, lit_by = exposure.camera, exposure.illuminant
     first, captures = readers(exposure.amplified.camera)[0], captures_of(camera)
     white_e = photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s, lit_by)
     flow = _flow(scene, exposure)

@@ -45,20 +45,18 @@ def opened(config: SceneFile, light: Tensor, camera: Camera) -> Opened:
     integer("seed", config.seed, 0, LAST_SEED)
     at, size = Conditions(**config.at()), (light.shape[-2], light.shape[-1])
     _check_motion(config, at)
-    lit_by = _illuminant(config.illuminant)
     exposure = at.exposure(_camera(config, camera), config.seed, vehicle=config.vehicle)
+    exposure = replace(exposure, illuminant=_illuminant(config.illuminant))
     if at.automatic:
         exposure = _automatic(config, at, exposure).metered(
-            float(mean_luma(light, exposure.camera, lit_by)[0]), lit_by
+            float(mean_luma(light, exposure.camera, exposure.illuminant)[0])
         )
     if config.trajectory is not None:
         along = config.trajectory.of(exposure.camera, size, exposure.exposure_s, config.seed)
         exposure = replace(exposure, trajectory=along)
     lamp, mask = _lamp(config, size)
     cut = _cut(config, light)
-    scene = Scene(
-        cut.background if cut else light, layers=cut.layers if cut else (), illuminant=lit_by, lamp_mask=mask
-    )
+    scene = Scene(cut.background if cut else light, layers=cut.layers if cut else (), lamp_mask=mask)
     return Opened(scene, replace(exposure, lamp=lamp), cut)
 
 
