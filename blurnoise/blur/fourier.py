@@ -103,6 +103,15 @@ class Response(ABC):
     """Transfer functions by which a picture, or each of a batch, is blurred; ``str`` names the parameter in errors.
 
     weights: (n, H, W) of the blur by each of n, at every pixel, in their sum; None where there is one.
+
+    >>> class Half(Response):  # of all frequencies
+    ...     variable, reach_px = torch.empty(0), (1.0, 1.0)
+    ...     def packed(self, lengths, kind):
+    ...         return [np.full(lengths, 0.5 / math.prod(lengths), kind)]
+    ...     def at(self, lengths, image):
+    ...         return [torch.tensor(0.5)]
+    >>> float(apply(torch.ones(1, 1, 8, 8), Half(), "reflect")[0, 0, 4, 4].round(decimals=4))
+    0.5
     """
 
     weights: Plane | None = None

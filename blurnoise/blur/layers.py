@@ -197,7 +197,13 @@ def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
 def exposed(
     background: Tensor, layers: Sequence[Layer], moves: Displacement, border: Border = "reflect"
 ) -> Tensor:
-    """:func:`expose_layers` of one picture (1, C, H, W); moves: the background's, before any camera."""
+    """:func:`expose_layers` of one picture (1, C, H, W); moves: the background's, before any camera.
+
+    >>> sign = Layer(torch.ones(1, 3, 4), torch.ones(3, 4), velocity_px_s=(300.0, 0.0), place_px=(5, 2))
+    >>> still = Displacement(torch.zeros(2), torch.tensor(0.01), Readout(8, 0.0, 0.01))
+    >>> round(float(exposed(torch.zeros(1, 1, 8, 14), [sign], still).sum()), 1)  # light of 12 px, spread by 3 px
+    12.0
+    """
     size = (background.shape[-2], background.shape[-1])
     groups: list[_Alike] = []
     for layer in map(trimmed, layers):

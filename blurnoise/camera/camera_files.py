@@ -93,6 +93,12 @@ def completed(given: object, presets: Mapping[str, Any], source: str, folder: Pa
     """The fields of a camera from ``given`` and its base preset, each figure with a source.
 
     source: of figures without one. folder: where the paths of tables start. Raises ``TypeError`` or ``ValueError``.
+
+    >>> from blurnoise import Camera
+    >>> presets = {"imx250": Camera.preset("imx250")}
+    >>> values = completed({"name": "mine", "base": "imx250", "f_number": 2.8}, presets, "measured", Path("."))
+    >>> values["lens"].f_number, values["sources"]["f_number"]
+    (2.8, 'measured')
     """
     if not isinstance(given, Mapping):
         raise TypeError(f"camera: must map fields to values, got {type(given).__name__}")
@@ -140,7 +146,14 @@ def flat(camera: Any) -> dict[str, Any]:
 
 
 def write(path: Path, values: Mapping[str, object]) -> None:
-    """Write a camera file, whole or not at all. Raises ``ValueError`` for another suffix, ``OSError``."""
+    """Write a camera file, whole or not at all. Raises ``ValueError`` for another suffix, ``OSError``.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "mine.json"
+    >>> write(path, {"name": "mine"})
+    >>> path.read_text()
+    '{\\n "name": "mine"\\n}\\n'
+    """
     if _kind(path) == "JSON":
         text = json.dumps(values, indent=1, ensure_ascii=False) + "\n"
     else:

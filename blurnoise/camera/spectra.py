@@ -67,7 +67,13 @@ class Curve:
 
 
 def check_samples(name: str, positions: Sequence[float], values: Sequence[float]) -> None:
-    """Raise ``ValueError`` unless there are two samples or more, at positions from 0 to 1e6 that increase."""
+    """Raise ``ValueError`` unless there are two samples or more, at positions from 0 to 1e6 that increase.
+
+    >>> check_samples("heights", (0.0, 0.5, 0.5), (1.0, 0.9, 0.8))
+    Traceback (most recent call last):
+        ...
+    ValueError: heights = (0.0, 0.5, 0.5): must be >= 0 and increase
+    """
     if len(positions) != len(values) or len(positions) < 2:
         got = f"{len(positions)} and {len(values)}"
         raise ValueError(f"{name}, values: must be as many, at least 2, got {got}")
@@ -80,7 +86,10 @@ Spectrum = float | Curve  # a number holds over the whole integration band
 
 
 def check_shares(name: str, curve: Spectrum) -> None:
-    """Raise ``TypeError`` or ``ValueError`` unless all values lie within [0, 1]."""
+    """Raise ``TypeError`` or ``ValueError`` unless all values lie within [0, 1].
+
+    >>> check_shares("quantum_efficiency", 0.6)  # raises beyond 1
+    """
     for value in curve.values if isinstance(curve, Curve) else (curve,):
         in_range(name, value, 0.0, 1.0)
 
