@@ -134,6 +134,13 @@ def written_whole(path: Path) -> Iterator[Path]:
     one only. Devices and pipes are written to. If anything fails, nothing is left behind. Several writers of one path
     do not disturb each other: the last content stays. Raises ``OSError`` that names
     ``path``.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> with written_whole(path) as unfinished:
+    ...     _, before = unfinished.write_text("whole"), path.exists()
+    >>> before, path.read_text()
+    (False, 'whole')
     """
     target = Path(os.path.realpath(path)) if path.is_dir() else check_replaceable(path)
     unfinished = _beside(target or Path(tempfile.gettempdir()) / path.name)
