@@ -81,6 +81,7 @@ def read(path: Path) -> Any:
     >>> read(file)
     {'name': 'mine', 'base': 'imx250', 'f_number': 2.8}
     """
+    # The suffix is checked first: a wrong one should be the message even where the file is missing.
     kind = _kind(path)
     try:
         values = read_document(path)
@@ -122,6 +123,7 @@ def completed(given: object, presets: Mapping[str, Any], source: str, folder: Pa
     if isinstance(own := given.get("sources", {}), Mapping):  # Camera refuses anything else
         sources = base["sources"] | {name: source for name in figures if name in given} | dict(own)
         own, curves = sources["quantum_efficiency"], given.get("quantum_efficiency")
+        # Beyond its ends a curve counts as 0: readers of the source should know what that may cost.
         mark = marked(values["quantum_efficiency"]) if isinstance(curves, Mapping) else ""
         if mark and isinstance(own, str) and mark not in own:
             sources["quantum_efficiency"] = f"{own}; marked: {mark}"

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import check_fields, in_range, limited, shown
 from blurnoise._core.files import read_samples
 
+# Exact by the definitions of the SI, the 683 lm/W at 540 THz included.
 PLANCK_J_S = 6.62607015e-34
 LIGHT_M_S = 299_792_458.0
 BOLTZMANN_J_K = 1.380649e-23
@@ -255,6 +256,7 @@ def _integral(factors: Sequence[Spectrum], band_nm: tuple[float, float], power_o
     high = min(band_nm[1], *(curve.wavelengths_nm[-1] for curve in curves))
     if low >= high:
         return 0.0
+    # A grid of its own for each band, so that ends between two whole nm count to the full.
     nm = np.linspace(low, high, math.ceil(high - low) + 1)
     product = nm**power_of_nm
     for factor in factors:
