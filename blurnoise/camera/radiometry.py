@@ -8,6 +8,7 @@ becomes camera colours by the inverse of the colour matrix; negative ones, outsi
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from functools import lru_cache, reduce
 from operator import add
@@ -23,7 +24,7 @@ from blurnoise._core.threads import plain
 from blurnoise.camera import colour
 from blurnoise.camera.camera import Camera
 from blurnoise.camera.colour import FilterCurves, Row
-from blurnoise.camera.spectra import Curve, check_illuminant, photons_per_lux_s_um2
+from blurnoise.camera.spectra import Curve, check_illuminant, infrared_share, photons_per_lux_s_um2
 
 BANDS_NM = ((580.0, 700.0), (490.0, 580.0), (400.0, 490.0))  # red, green and blue of a picture
 _LEAST_GREEN = 0.05
@@ -85,7 +86,21 @@ def filter_electrons(camera: Camera, illuminant: str | Curve = "D55") -> Mapping
     if isinstance(curves, FilterCurves):
         by_letter = {letter: curves.of(letter) for letter in camera.sensor.cfa}
     photons = {letter: photons_per_lux_s_um2(illuminant, (curve,)) for letter, curve in by_letter.items()}
+    if text := infrared_text(camera, illuminant):  # once, as the result is kept
+        warnings.warn(text, stacklevel=2)
     return MappingProxyType({letter: on_sensor_um2 * number for letter, number in photons.items()})
+
+
+def infrared_text(camera: Camera, illuminant: str | Curve) -> str:
+    """Note on a camera without colours, which has no infrared cut, under light that is mostly infrared; else "".
+
+    >>> infrared_text(Camera.preset("imx250m"), "halogen")[:47]
+    'imx250m: infrared is not counted; this light ha'
+    """
+    if camera.sensor.cfa != "mono" or (times := infrared_share(illuminant)) <= 1:
+        return ""
+    of = f"{times:.1f} times as many photons at 700-1000 nm as at 400-700 nm"
+    return f"{camera.name}: infrared is not counted; this light has {of}, which a camera without infrared cut sees"
 
 
 @lru_cache(maxsize=64)
