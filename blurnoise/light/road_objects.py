@@ -36,7 +36,7 @@ class RoadObject:
 
     >>> road_object("Stop_Sign")
     RoadObject(width_m=0.762, height_m=0.762, base_m=1.8, sheeting='III')
-    >>> RoadObject(width_m=0.6, sheeting="150,60,5").material.at(0.1).item()
+    >>> RoadObject(width_m=0.6, sheeting="150,60,5").material.at(0.1).round().item()
     150.0
     """
 
