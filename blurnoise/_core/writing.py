@@ -42,6 +42,13 @@ class Writing:
 
     overwrite: also plain files that blurnoise did not write. inputs: files that it reads. made: files that it wrote
     where none was, in order.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> with writing() as command:
+    ...     write_whole(path, b"one")
+    >>> [made.name for made in command.made]
+    ['a.txt']
     """
 
     overwrite: bool = False
@@ -139,7 +146,11 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def check_writable(path: Path) -> None:
-    """Raise ``OSError`` where ``path`` cannot be written, before anything is computed for it."""
+    """Raise ``OSError`` where ``path`` cannot be written, before anything is computed for it.
+
+    >>> import tempfile
+    >>> check_writable(Path(tempfile.mkdtemp()) / "a.txt")  # raises where it could not be written
+    """
     with _naming(path):
         target = check_replaceable(path)
         if target is None:
@@ -204,7 +215,15 @@ def check_own_folder(folder: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Delete a file that :func:`write_whole` could replace; it may be missing. Raises ``OSError``."""
+    """Delete a file that :func:`write_whole` could replace; it may be missing. Raises ``OSError``.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> write_whole(path, b"one")
+    >>> remove(path)
+    >>> path.exists()
+    False
+    """
     if path.exists() and (target := check_replaceable(path)):
         target.unlink(missing_ok=True)
 

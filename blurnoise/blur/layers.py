@@ -58,6 +58,12 @@ class Layer:
     whole px; it may lie outside the picture. speed: of a target, a multiple of the exposure's velocity in place of
     velocity_px_s (:meth:`blurnoise.Exposure.of_targets`); None: no target. Gradients pass through light, alpha and
     velocity. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+
+    >>> import torch
+    >>> from blurnoise import Layer
+    >>> post = Layer(torch.full((1, 4, 2), 0.8), torch.ones(4, 2), velocity_px_s=(500.0, 0.0), place_px=(6, 1))
+    >>> post.displacement_px(torch.tensor(0.01)).tolist()  # 500 px/s for 10 ms
+    [5.0, 0.0]
     """
 
     light: Tensor
@@ -110,7 +116,12 @@ Layers = Sequence[Layer] | Sequence[Sequence[Layer]]
 
 
 def layers_per_picture(layers: Layers, background: Tensor) -> tuple[tuple[Layer, ...], ...]:
-    """The layers of each picture (B, C, H, W), checked against it. Raises ``TypeError`` or ``ValueError``."""
+    """The layers of each picture (B, C, H, W), checked against it. Raises ``TypeError`` or ``ValueError``.
+
+    >>> post = Layer(torch.ones(1, 4, 2), torch.ones(4, 2))
+    >>> [len(own) for own in layers_per_picture([post], torch.zeros(3, 1, 8, 8))]  # before each of 3 pictures
+    [1, 1, 1]
+    """
     must = f"layers: must be layers, or a sequence of them for each of {len(background)} pictures"
     if not isinstance(layers, (tuple, list)):
         raise TypeError(must)
@@ -163,7 +174,13 @@ def expose_layers(
 
 
 def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
-    """Mean of a picture (1, C, H, W) over an exposure, normalised for rows that are exposed longer."""
+    """Mean of a picture (1, C, H, W) over an exposure, normalised for rows that are exposed longer.
+
+    >>> edge = (torch.arange(64.0) >= 32).expand(1, 1, 8, 64).float()
+    >>> by = Displacement(torch.tensor([8.0, 0.0]), torch.tensor(0.01), Readout(8, 0.0, 0.01))
+    >>> [round(float(moved(edge, by, "reflect")[0, 0, 0, x]), 1) for x in (24, 32, 40)]
+    [0.0, 0.6, 1.0]
+    """
     if moves.still:
         return picture
     if moves.way == "sub-exposures":
@@ -211,6 +228,8 @@ def exposed(
                 last = near.pop()
                 each = _Alike((*last.layers, *each.layers), last.moves, window)
             near.append(each)
+        # The matte formula is exact where the object or the background is still; else the part of the background
+        # that is hidden changes during the exposure.
         if len(near) > 1 or not (moves.still or near[0].moves.still):
             seen = _sub_exposed(near, window, ground, blurred, moves, border)
         else:
@@ -281,6 +300,7 @@ def _work(window: Window, moves: Sequence[Displacement]) -> Window:
     grown = window.grown(down, across)
     height = fourier.fast_length(grown.height) if down else grown.height
     width = fourier.fast_length(grown.width) if across else grown.width
+    # Refused by name here: as a failure of memory it would name nothing.
     fourier.limited_plane(
         f"displacement_px: {max(across, down)} px to either side; a layer needs", height, width
     )
@@ -288,7 +308,12 @@ def _work(window: Window, moves: Sequence[Displacement]) -> Window:
 
 
 def meeting(windows: Sequence[Window]) -> list[tuple[Window, list[int]]]:
-    """Groups of windows that overlap, directly or through others: the joint window, and their indices in order."""
+    """Groups of windows that overlap, directly or through others: the joint window, and their indices in order.
+
+    >>> left, right, far = Window(0, 0, 4, 4), Window(0, 3, 4, 4), Window(20, 20, 4, 4)
+    >>> [members for _, members in meeting([left, far, right])]
+    [[1], [0, 2]]
+    """
     groups: list[tuple[Window, list[int]]] = []
     for place, window in enumerate(windows):
         members = [place]
@@ -301,7 +326,13 @@ def meeting(windows: Sequence[Window]) -> list[tuple[Window, list[int]]]:
 
 
 def flattened(layers: Sequence[Layer]) -> Layer:
-    """Layers that move as the first does, back to front, as one layer."""
+    """Layers that move as the first does, back to front, as one layer.
+
+    >>> back = Layer(torch.full((1, 2, 2), 0.2), torch.ones(2, 2))
+    >>> front = Layer(torch.ones(1, 2, 2), torch.full((2, 2), 0.5))
+    >>> round(float(flattened([back, front]).light[0, 0, 0]), 6)  # half of 1 over half of 0.2
+    0.6
+    """
     if len(layers) == 1:
         return layers[0]
     window = reduce(Window.joined, (layer.window for layer in layers))
@@ -312,7 +343,12 @@ def flattened(layers: Sequence[Layer]) -> Layer:
 
 
 def coloured(plane: Tensor) -> tuple[Tensor, Tensor]:
-    """Light (C, h, w) and matte (h, w) of a plane (C + 1, h, w) of light times matte, and the matte."""
+    """Light (C, h, w) and matte (h, w) of a plane (C + 1, h, w) of light times matte, and the matte.
+
+    >>> light, alpha = coloured(torch.tensor([[[0.25, 0.0]], [[0.5, 0.0]]]))
+    >>> light.tolist(), alpha.tolist()
+    ([[[0.5, 0.0]]], [[0.5, 0.0]])
+    """
     alpha = plane[-1].clamp(0, 1)
     covers = alpha > _FAINT  # fainter values are the ringing of resampling, and have no colour
     return torch.where(covers, plane[:-1] / alpha.clamp_min(_FAINT), 0.0), torch.where(covers, alpha, 0.0)
@@ -322,6 +358,12 @@ def trimmed(layer: Layer) -> Layer:
     """The layer without margins in which its matte is 0, so that only objects at the border continue beyond it.
 
     A layer whose matte needs gradients, or is empty, is returned unchanged.
+
+    >>> alpha = torch.zeros(5, 5)
+    >>> alpha[2, 3] = 1.0
+    >>> small = trimmed(Layer(torch.ones(1, 5, 5), alpha))
+    >>> small.place_px, tuple(small.alpha.shape)
+    ((3, 2), (1, 1))
     """
     x, y, width, height = cv2.boundingRect((layer.alpha.detach() > 0).byte().cpu().numpy())
     if differentiable(layer.alpha) or width == 0 or (height, width) == tuple(layer.alpha.shape):
@@ -339,6 +381,11 @@ def seen_behind(
     it is L / 4w up to L = 2w, then 1 - w / L. movers: all objects, this one included, each with its displacement
     relative to the background; objects of different motions count as independent. size: of the picture (H, W); an
     object at its border continues beyond it by reflection.
+
+    >>> post = Layer(torch.ones(1, 20, 10), torch.ones(20, 10), place_px=(40, 20))
+    >>> share = seen_behind(post, [(post, (10.0, 0.0))], (60, 100))
+    >>> round(share, 2)  # L / 4w of 10 px wide and 10 px moved
+    0.25
     """
 
     def matte(of: Layer, window: Window) -> Tensor:
@@ -369,7 +416,12 @@ class ObjectMotion(NamedTuple):
 
 
 def object_motion(layer: Layer, exposure_s: float, size: tuple[int, int]) -> ObjectMotion:
-    """Motion of a layer, and the share of a picture (H, W) that it may cover."""
+    """Motion of a layer, and the share of a picture (H, W) that it may cover.
+
+    >>> post = Layer(torch.ones(1, 4, 2), torch.ones(4, 2), velocity_px_s=(500.0, 0.0), place_px=(50, 50))
+    >>> object_motion(post, 0.01, (100, 100)).displacement_px
+    (5.0, 0.0)
+    """
     x, y = layer.displacement_px(torch.tensor(exposure_s, dtype=torch.float64)).tolist()
     window = layer.window.grown(spread_px(abs(y) / 2), spread_px(abs(x) / 2)).clipped(size)
     return ObjectMotion((x, y), max(0, window.height) * max(0, window.width) / math.prod(size))
@@ -377,7 +429,12 @@ def object_motion(layer: Layer, exposure_s: float, size: tuple[int, int]) -> Obj
 
 def plane_of(layers: Sequence[Layer], work: Window, like: Tensor, border: Border) -> Tensor:
     """Light times matte, and the matte, (1, C + 1, h, w) in ``work`` of a picture such as ``like``; of several as
-    one."""
+    one.
+
+    >>> half = Layer(torch.full((1, 1, 1), 0.5), torch.full((1, 1), 0.5))
+    >>> plane_of([half], Window(0, 0, 1, 2), torch.zeros(1, 1, 1, 2), "constant").tolist()  # light x matte, matte
+    [[[[0.25, 0.0]], [[0.5, 0.0]]]]
+    """
     planes = []
     for layer in layers:
         alpha = layer.alpha.to(like)[None]

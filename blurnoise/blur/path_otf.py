@@ -38,7 +38,12 @@ _ACROSS = [
 
 @dataclass(frozen=True, eq=False)
 class Path(fourier.Response):
-    """Knots (2, K), px from where the picture shows the place, shares (K - 1,) of the exposure, and a lens."""
+    """Knots (2, K), px from where the picture shows the place, shares (K - 1,) of the exposure, and a lens.
+
+    >>> there_and_back = torch.tensor([[-2.0, 2.0, -2.0], [0.0, 0.0, 0.0]], dtype=torch.float64)
+    >>> Path(there_and_back, torch.tensor([0.5, 0.5], dtype=torch.float64)).reach_px[1] > 2.0
+    True
+    """
 
     knots_px: Tensor
     shares: Tensor
@@ -94,6 +99,11 @@ def spread_in(lengths: tuple[int, int], knots_px: Tensor, shares: Tensor) -> Ten
     """The point spread of a path in a tile of ``lengths``, which it wraps round, from (0, 0); differentiable.
 
     By way of the small grid unless that is large, and the larger of the two.
+
+    >>> knots = torch.tensor([[-4.0, 4.0], [0.0, 0.0]], dtype=torch.float64)
+    >>> spread = spread_in((64, 64), knots, torch.ones(1, dtype=torch.float64))
+    >>> round(float(spread.sum()), 6), round(float(spread[0, 0]), 2)  # 1 over 8 px
+    (1.0, 0.12)
     """
     width, height = (
         fourier.fast_length(max(_LEAST_PX, math.ceil(2 * reach) + _ROOM_PX))
@@ -119,6 +129,12 @@ def transfer_on(
 
     The path is a sum over points, laid on nodes of half a pixel through a window and transformed at once;
     differentiable. Raises ``ValueError`` where it is too long for that.
+
+    >>> knots = torch.tensor([[-4.0, 4.0], [0.0, 0.0]], dtype=torch.float64)
+    >>> response = transfer_on((64, 64), knots, torch.ones(1, dtype=torch.float64))
+    >>> first_zero = response(torch.tensor([1 / 8]), torch.tensor([0.0]))  # a wave of 8 px fades over 8 px
+    >>> round(abs(complex(first_zero)), 6)
+    0.0
     """
     height, width = sides
     step = knots_px.diff()
@@ -151,6 +167,7 @@ def transfer_on(
 
     def at(fx: Tensor, fy: Tensor) -> Tensor:
         rows, columns = ((f * side).round().long() for f, side in ((fy, height), (fx, width)))
+        # The window blurred what was laid through it: dividing by its own transform takes that out.
         laid_by = torch.outer(_window_transform(fy / 2), _window_transform(fx / 2))
         return seen[rows[:, None], columns] / laid_by
 

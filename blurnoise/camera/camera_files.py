@@ -63,13 +63,24 @@ _NO_FIGURES = ("name", "captures", "defocus_counts_pixel", "white_balance", "dem
 
 
 def preset(name: str) -> Any:
-    """The file of a preset."""
+    """The file of a preset.
+
+    >>> preset("imx250")["pixel_pitch_um"]
+    3.45
+    """
     path = Path(__file__).parent / "data" / "cameras" / f"{name}.yaml"
     return yaml.load(path.read_bytes(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
 def read(path: Path) -> Any:
-    """Read a camera file; a camera without ``name`` is named after the file. Raises ``ValueError`` or ``OSError``."""
+    """Read a camera file; a camera without ``name`` is named after the file. Raises ``ValueError`` or ``OSError``.
+
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "mine.yaml"
+    >>> written = file.write_text("{base: imx250, f_number: 2.8}")
+    >>> read(file)
+    {'name': 'mine', 'base': 'imx250', 'f_number': 2.8}
+    """
     kind = _kind(path)
     try:
         values = read_document(path)
@@ -117,7 +128,12 @@ def completed(given: object, presets: Mapping[str, Any], source: str, folder: Pa
 
 
 def flat(camera: Any) -> dict[str, Any]:
-    """The camera's values by their keys in files."""
+    """The camera's values by their keys in files.
+
+    >>> from blurnoise import Camera
+    >>> flat(Camera.preset("imx250"))["pixel_pitch_um"]
+    3.45
+    """
     lens = {name: getattr(camera.lens, name) for name in OVER_THE_FIELD}
     named = {"name": camera.name, "lens": lens, "sources": camera.sources}
     return {key: named[key] if key in named else camera.figure(key) for key in KEYS}
@@ -133,12 +149,20 @@ def write(path: Path, values: Mapping[str, object]) -> None:
 
 
 def within(where: str, error: Exception) -> Exception:
-    """The same error with ``where`` before its message."""
+    """The same error with ``where`` before its message.
+
+    >>> within("camera.yaml", ValueError("f_number = -1: must be at least 0.5"))
+    ValueError('camera.yaml: f_number = -1: must be at least 0.5')
+    """
     return (TypeError if isinstance(error, TypeError) else ValueError)(f"{where}: {error}")
 
 
 def plain(value: Any) -> Any:
-    """A camera, or a part of it, as plain JSON values that :func:`completed` reads."""
+    """A camera, or a part of it, as plain JSON values that :func:`completed` reads.
+
+    >>> plain(Lens(f_number=2.8, transmission=0.9))["f_number"], plain((1.0, 2.0))
+    (2.8, [1.0, 2.0])
+    """
     if isinstance(value, FilterCurves):
         return {name: plain(curve) for name, curve in value.items()}
     if is_dataclass(value):
@@ -157,7 +181,7 @@ def _over_the_field(given: object, folder: Path) -> dict[str, Any]:
             known("figure", name, OVER_THE_FIELD)
         values = {name: _value(Lens, name, value, folder) for name, value in given.items()}
         # Checked before the flat figures are there, so that messages name ``lens``.
-        alone = Lens(f_number=1.0, transmission=1.0, **values)
+        alone = Lens(f_number=0.5, transmission=1.0, **values)
     except (TypeError, ValueError, csv.Error) as error:
         raise within("lens", error) from None
     return {name: getattr(alone, name) for name in OVER_THE_FIELD}

@@ -37,7 +37,17 @@ BLOCK_PX, ODD_BLOCK = 5, 6.0  # side of a block; standard errors by which its me
 
 @dataclass(frozen=True)
 class Shape:
-    """An edge's sides, its line (B, H) and the spline between them, scaled to 0 and 1."""
+    """An edge's sides, its line (B, H) and the spline between them, scaled to 0 and 1.
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> picture = charts.slanted_edge(60, 60)[0].double()
+    >>> line = find_line(picture).position_px
+    >>> sides, upright = measure_sides(picture, line)
+    >>> shape_of(upright, line, sides, block=1).rows_together  # white noise: each row for itself
+    1
+    """
 
     sides: Sides
     position_px: Tensor
@@ -194,7 +204,15 @@ def smoothed(shape: Shape) -> Tensor:
 
 
 def quieter(sides: Sides) -> Tensor:
-    """Whether the bright side has significantly less noise than the dark one, (B,); rounding errors do not count."""
+    """Whether the bright side has significantly less noise than the dark one, (B,); rounding errors do not count.
+
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> values = 20 * torch.randn(1, 80, 60, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    >>> values[:, :, 30:] = 1000 + values[:, :, 30:] / 10  # the bright side, which light would make noisier
+    >>> sides, _ = measure_sides(values, find_line(values).position_px)
+    >>> quieter(sides).tolist()
+    [True]
+    """
     # The median over the rows' noise is robust against a hot pixel, which makes one row noisy.
     left, right = (sides.square / sides.count.clamp_min(1)).median(1).values.unbind(1)
     of_bright, of_dark = torch.where(sides.step > 0, torch.stack([right, left]), torch.stack([left, right]))
@@ -206,7 +224,14 @@ def quieter(sides: Sides) -> Tensor:
 
 
 def colours_apart(colours: Tensor, mtf50: Tensor) -> Tensor:
-    """Whether the edges of colours (B, 3, H, W), by their share of luminance, lie so far apart that MTF50 suffers."""
+    """Whether the edges of colours (B, 3, H, W), by their share of luminance, lie so far apart that MTF50 suffers.
+
+    >>> from blurnoise import charts
+    >>> red = charts.slanted_edge(60, 60)[0].double()
+    >>> shifted = torch.cat([red.roll(2, -1), red, red])[None]
+    >>> colours_apart(shifted, torch.tensor([0.5])).tolist()  # red lies 2 px from green and blue
+    [True]
+    """
     batch, _, height, width = colours.shape
     line = find_line(colours.flatten(0, 1))
     step = line.right - line.left
