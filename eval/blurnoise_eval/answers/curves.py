@@ -36,7 +36,12 @@ _UNKNOWN = 1e9  # where no interval is known, it reaches beyond every threshold
 
 
 def windows(x: ArrayLike, y: ArrayLike, threshold: float, logarithmic: bool = True) -> list[Stretch]:
-    """Stretches of x, increasing, in which y(x) is at or above ``threshold``."""
+    """Stretches of x, increasing, in which y(x) is at or above ``threshold``.
+
+    >>> stretches = windows([1.0, 2.0, 4.0, 8.0], [0.0, 1.0, 1.0, 0.0], threshold=0.5)
+    >>> [(round(first, 2), round(last, 2)) for first, last in stretches]  # half-way in log x
+    [(1.41, 5.66)]
+    """
     tested, values = np.asarray(x, float).tolist(), np.asarray(y, float)
     (at, is_log), above = _coordinate(tested, logarithmic), values >= threshold
     ends = [tested[0]] if above[:1].any() else []

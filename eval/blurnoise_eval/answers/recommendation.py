@@ -53,6 +53,9 @@ def best_exposure(exposures_s: Sequence[float], values: ArrayLike) -> int | None
 
     Only exposures next to the best one, without a worse one between, count as near. values: (E,), NaN where not
     tested. None where nothing was tested.
+
+    >>> best_exposure([0.001, 0.002, 0.004, 0.008], [0.5, 0.9, 0.9, 0.9])  # the middle of the plateau
+    2
     """
     value = np.asarray(values, float)
     tested = np.flatnonzero(np.isfinite(value))
@@ -75,6 +78,9 @@ def without_saturated(values: ArrayLike, saturated: ArrayLike, level: float) -> 
     Where all that work saturate more than a tenth, 0 for those that saturate clearly more than the least of them.
     saturated: (..., E) share of saturated values, NaN where it is not known. level: the value from which an exposure
     works.
+
+    >>> without_saturated([0.8, 0.9, 0.95], [0.0, 0.05, 0.2], level=0.7).tolist()
+    [0.8, 0.9, 0.0]
     """
     value, share = np.asarray(values, float), np.nan_to_num(np.asarray(saturated, float))
     least = np.where(value >= level, share, np.inf).min(axis=-1, keepdims=True)

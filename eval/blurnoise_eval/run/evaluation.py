@@ -86,6 +86,16 @@ def evaluate(
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
     (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read. Raises ``OSError`` where
     the run cannot be written, or would replace a file that is not its own.
+
+    >>> import tempfile
+    >>> from blurnoise_eval import SweepPlan, datasets, evaluate
+    >>> def find(picture):  # in place of a network
+    ...     return [(10, 10, 60, 60)], [0.9], ["stop sign"]
+    >>> plan = SweepPlan({"exposure_s": (0.001, 0.01), "illuminance_lux": (50.0,)})
+    >>> pictures = datasets.rendered_signs((50,), count=1)
+    >>> run = evaluate(find, pictures, "imx250", plan, output=tempfile.mkdtemp(), strategy="grid")
+    >>> len(run.cells)  # one picture: the original, and two exposures
+    3
     """
     folder = working_folder(output)
     computed_by = engine_of(engine) if isinstance(engine, str) else engine

@@ -24,7 +24,13 @@ _PAIRS = 1 << 13  # of boxes and targets held against each other at a time: few 
 
 
 class Targets(NamedTuple):
-    """T targets, picture by picture. picture: (T,) the place of each one's; category: (T,) of ``categories``."""
+    """T targets, picture by picture. picture: (T,) the place of each one's; category: (T,) of ``categories``.
+
+    >>> of_picture = [{"category_id": 3, "bbox": [0, 0, 10, 10], "area": 100.0}]
+    >>> targets = Targets.of([of_picture, []])
+    >>> targets.picture.tolist(), targets.categories
+    ([0], [3])
+    """
 
     picture: Places
     boxes_xywh: Array
@@ -74,7 +80,14 @@ class Targets(NamedTuple):
 def target_confidences(
     detections: Detections, boxes_xyxy: ArrayLike, class_ids: ArrayLike
 ) -> NDArray[np.float32]:
-    """Highest score of the right class with an IoU of at least 0.5 with each of N targets, else 0, (N,)."""
+    """Highest score of the right class with an IoU of at least 0.5 with each of N targets, else 0, (N,).
+
+    >>> from blurnoise_eval.detectors.records import Detections
+    >>> boxes = np.array([[0.0, 0.0, 10.0, 10.0], [50.0, 0.0, 60.0, 10.0]])
+    >>> found = Detections(boxes, np.array([0.75, 0.5]), np.array([0, 0]))
+    >>> target_confidences(found, [[1.0, 0.0, 11.0, 10.0], [90.0, 0.0, 95.0, 5.0]], [0, 0]).tolist()
+    [0.75, 0.0]
+    """
     ids, targets = np.asarray(class_ids, np.int64), xywh(boxes_xyxy)
     confidences = np.zeros(len(targets), np.float32)
     step = max(1, _PAIRS // max(1, len(targets)))
@@ -95,6 +108,13 @@ def matched(
     targets that are ignored, among them all crowds. limits: least overlaps, (IoUs,), increasing. A target takes one
     detection, a crowd any number; a detection takes, of the targets still free, the one that it overlaps most, of
     equals the last, and an ignored one only where there is no other.
+
+    >>> of_picture = [{"category_id": 1, "bbox": [0, 0, 10, 10], "area": 100.0}]
+    >>> targets, limits = Targets.of([of_picture]), np.array([0.5])
+    >>> boxes_xywh = np.array([[0.0, 0.0, 10.0, 10.0], [0.0, 0.0, 10.0, 9.0]])  # two answers for one target
+    >>> same = np.zeros(2, int), boxes_xywh, np.zeros(1, int)
+    >>> matched(*same, targets, targets.crowd[None], limits)[0].tolist()
+    [[[True, False]]]
     """
     taken = np.zeros((len(aside), len(limits), len(keys)), bool)
     beside = np.zeros_like(taken)
@@ -136,6 +156,10 @@ def _spans(lengths: Places, starts: Places) -> Places:
 
 
 def rank(keys: Places) -> Places:
-    """The place of each key among its equals, which stand together."""
+    """The place of each key among its equals, which stand together.
+
+    >>> rank(np.array([4, 4, 4, 7, 7])).tolist()
+    [0, 1, 2, 0, 1]
+    """
     starts = np.flatnonzero(np.diff(keys, prepend=-2))
     return np.asarray(np.arange(len(keys)) - np.repeat(starts, np.diff(starts, append=len(keys))), np.int64)

@@ -23,7 +23,11 @@ CONDITIONS = ("clean", *NAMES)
 
 
 def number(low: float, high: float, kind: str = "real") -> str:
-    """The condition on a number from ``low`` to ``high``."""
+    """The condition on a number from ``low`` to ``high``.
+
+    >>> number(0.0, 1.0)
+    "typeof({0}) = 'real' AND {0} BETWEEN 0.0 AND 1.0"
+    """
     ends = " AND ".join(
         "9e999" if end == math.inf else "-9e999" if end == -math.inf else repr(end) for end in (low, high)
     )
@@ -31,7 +35,11 @@ def number(low: float, high: float, kind: str = "real") -> str:
 
 
 def or_none(condition: str) -> str:
-    """The condition, or no value."""
+    """The condition, or no value.
+
+    >>> or_none("{0} > 0").format("gain_db")
+    'gain_db IS NULL OR gain_db > 0'
+    """
     return f"{{0}} IS NULL OR {condition}"
 
 
@@ -151,7 +159,12 @@ UNKNOWN = WithInterval()
 @dataclass(frozen=True, slots=True)
 class Row:
     """A row of a table. A field that is several columns stands in their place: the values on the axes, a number with
-    its interval, numbers by the names of scores, or a row, which is absent where it is None."""
+    its interval, numbers by the names of scores, or a row, which is absent where it is None.
+
+    >>> from blurnoise_eval.store.rows import SkippedRow
+    >>> SkippedRow("a.png", "is no picture").columns()
+    {'image': 'a.png', 'reason': 'is no picture'}
+    """
 
     axes: ClassVar[tuple[str, ...]] = CONDITIONS
     """Those columns of ``CONDITIONS`` that the table has."""
@@ -217,7 +230,12 @@ def _parts(row: Any) -> dict[str, Any]:
 
 
 def columns_of(row: Any, *, optional: bool = True) -> list[TableColumn]:
-    """The columns of a row's table. optional: with those of parts that may be missing."""
+    """The columns of a row's table. optional: with those of parts that may be missing.
+
+    >>> from blurnoise_eval.store.rows import SkippedRow
+    >>> [(column.name, column.kind) for column in columns_of(SkippedRow)]
+    [('image', 'TEXT'), ('reason', 'TEXT')]
+    """
     found: list[TableColumn] = []
     for name, hint in _hints(row).items():
         if hint is AxisValues:

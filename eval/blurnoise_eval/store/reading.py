@@ -38,14 +38,26 @@ _WAL = b"\2"  # at byte 18 of a file with a journal ahead of it
 
 
 def most_steps(path: Path) -> Steps:
-    """Those of a query of this file."""
+    """Those of a query of this file.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "results.sqlite"
+    >>> path.touch()
+    >>> most_steps(path)()  # some hundred million for an empty file
+    False
+    """
     facts = path.stat()
     n_bytes = min(facts.st_size, 512 * getattr(facts, "st_blocks", facts.st_size))  # without holes
     return Steps(_STEPS + _STEPS_PER_BYTE * n_bytes)
 
 
 class Steps:
-    """A progress handler of SQLite's: ends a query after so many steps, and knows whether it did."""
+    """A progress handler of SQLite's: ends a query after so many steps, and knows whether it did.
+
+    >>> steps = Steps(250_000)  # looked at every 100 000
+    >>> [steps() for _ in range(3)], steps.used_up
+    ([False, False, True], True)
+    """
 
     def __init__(self, most: int) -> None:
         self._most = most // _AT_A_TIME
