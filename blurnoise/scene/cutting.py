@@ -107,8 +107,8 @@ def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer
     kernel = np.ones((2 * _MIXED_PX + 1,) * 2, np.uint8)
     whole = (matte >= 1).astype(np.uint8)  # an object that the picture's border cuts goes on beyond it
     inside = cv2.erode(whole, kernel, borderType=cv2.BORDER_REPLICATE)[box] > 0
-    own = light[..., box[0], box[1]]
-    colour = filled(own, ~inside & (alpha > 0)) if inside.any() else own
+    part = light[..., box[0], box[1]]
+    colour = filled(part, ~inside & (alpha > 0)) if inside.any() else part
     place = (int(columns[0]), int(rows[0]))
     return Layer(colour[0], torch.from_numpy(np.ascontiguousarray(alpha)).to(light), velocity_px_s, place)
 
@@ -126,11 +126,11 @@ def filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
     rows, columns = np.flatnonzero(hole.any(1)), np.flatnonzero(hole.any(0))
     box = tuple(slice(max(0, each[0] - AROUND_PX), each[-1] + 1 + AROUND_PX) for each in (rows, columns))
     missing = hole[box]
-    seen = light.detach()[0][:, box[0], box[1]].permute(1, 2, 0).cpu().numpy().astype(np.float32)
-    found = torch.from_numpy(_from_around(seen, ~missing)).permute(2, 0, 1).to(light)
+    visible = light.detach()[0][:, box[0], box[1]].permute(1, 2, 0).cpu().numpy().astype(np.float32)
+    fill = torch.from_numpy(_from_around(visible, ~missing)).permute(2, 0, 1).to(light)
     out = light.clone()
     part = out[0][:, box[0], box[1]]
-    part[:] = torch.where(torch.from_numpy(missing).to(light.device), found, part.clone())
+    part[:] = torch.where(torch.from_numpy(missing).to(light.device), fill, part.clone())
     return out
 
 
@@ -199,5 +199,5 @@ def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: fl
     # Objects are one where their paths may meet: within the reach of the blur, tails included.
     near = cv2.dilate(covered, np.ones((2 * down + 1, 2 * across + 1), np.uint8))
     count, parts = cv2.connectedComponents(near)
-    own = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]
-    return cut_out(light, own, [velocity_px_s] * len(own))
+    mattes = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]
+    return cut_out(light, mattes, [velocity_px_s] * len(mattes))

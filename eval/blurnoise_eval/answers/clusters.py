@@ -29,8 +29,8 @@ def cluster_of(picture: str, pattern: str | None = None) -> str:
     if pattern is None:
         return picture
     compiled = _compiled(pattern)
-    found = compiled.search(picture)
-    shared = None if found is None else found.group(1 if compiled.groups else 0)
+    match = compiled.search(picture)
+    shared = None if match is None else match.group(1 if compiled.groups else 0)
     return picture if shared is None else shared
 
 
@@ -69,7 +69,7 @@ def repeated(looks: Mapping[str, str], pattern: str | None = None) -> str | None
     """
     names = sorted(looks)
     if len(names) > MOST:
-        names = [names[place] for place in np.linspace(0, len(names) - 1, MOST).round().astype(int).tolist()]
+        names = [names[index] for index in np.linspace(0, len(names) - 1, MOST).round().astype(int).tolist()]
     clusters = [cluster_of(name, pattern) for name in names]
     count, apart = len(set(clusters)), len(set(scenes([looks[name] for name in names], clusters).tolist()))
     if apart >= _FEWER * count:

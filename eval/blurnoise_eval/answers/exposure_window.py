@@ -39,7 +39,7 @@ def answers(
     dark_below: see :class:`~.limits.TestedLine`. monotone: whether no answer may be better at a higher speed, where
     pictures move as a whole, see :mod:`.monotone`.
     """
-    found = []
+    rows = []
     for setting in table.take(table.measured).split(SETTING):
         uniform = monotone and is_uniform(setting)
         lines = list((pooled(setting) if uniform else setting).along("exposure_s"))
@@ -51,8 +51,8 @@ def answers(
         at_slowest = slowest.conditions["exposure_s"], slowest.mean
         for speed, curve in zip(speeds, curves, strict=True):
             slower = _between(curve.x, *at_slowest) if speed > min(speeds) else None
-            found.append(answer(curve, TestedLine(curve.line, slower, dark_below), criterion))
-    return found
+            rows.append(answer(curve, TestedLine(curve.line, slower, dark_below), criterion))
+    return rows
 
 
 def _between(exposures_s: Sequence[float], tested_s: Array, mean: Array) -> Array:

@@ -187,19 +187,19 @@ def _opened(models: Any, pictures: PictureSet | None) -> list[Model]:
     if not each:
         raise ValueError("models = []: must contain at least one model")
     opened = iter(open_models([model for model in each if isinstance(model, (str, Path))]))
-    found: list[Model] = []
+    models_found: list[Model] = []
     for model in each:
         if isinstance(model, (str, Path)):
-            found.append(next(opened))
+            models_found.append(next(opened))
         elif isinstance(model, Detector) or hasattr(model, "read"):
-            found.append(model)
+            models_found.append(model)
         else:
-            found.append(_of_python(model, pictures))
-    if len({isinstance(model, Detector) for model in found}) > 1:
+            models_found.append(_of_python(model, pictures))
+    if len({isinstance(model, Detector) for model in models_found}) > 1:
         raise ValueError(
             "models: must be detectors or text readers, not both; evaluate them in separate runs"
         )
-    return found
+    return models_found
 
 
 def _of_python(model: Any, pictures: PictureSet | None) -> Model:

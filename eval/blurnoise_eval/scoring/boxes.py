@@ -50,10 +50,10 @@ def overlaps(boxes_xywh: Array, targets_xywh: Array, crowd: Flags | None = None)
     across = np.minimum(x + width, target_x + target_width) - np.maximum(x, target_x)
     down = np.minimum(y + height, target_y + target_height) - np.maximum(y, target_y)
     shared = np.maximum(across, 0) * np.maximum(down, 0)
-    own = width * height
-    union = own + target_width * target_height - shared
+    area = width * height
+    union = area + target_width * target_height - shared
     iou = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
-    return np.asarray(iou if crowd is None else np.where(crowd, shared / np.maximum(own, 1e-12), iou))
+    return np.asarray(iou if crowd is None else np.where(crowd, shared / np.maximum(area, 1e-12), iou))
 
 
 def iou(boxes_xyxy: ArrayLike, targets_xyxy: ArrayLike) -> Array:

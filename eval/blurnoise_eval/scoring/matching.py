@@ -42,11 +42,11 @@ class Targets(NamedTuple):
     @classmethod
     def of(cls, pictures: Sequence[Sequence[Mapping[str, Any]]]) -> Targets:
         """COCO's annotations of each picture."""
-        every = [each for own in pictures for each in own]
+        every = [each for some in pictures for each in some]
         categories = sorted({each["category_id"] for each in every})
-        places = {category: place for place, category in enumerate(categories)}
+        places = {category: index for index, category in enumerate(categories)}
         return cls(
-            np.repeat(np.arange(len(pictures)), np.array([len(own) for own in pictures], np.int64)),
+            np.repeat(np.arange(len(pictures)), np.array([len(some) for some in pictures], np.int64)),
             np.array([each["bbox"] for each in every], float).reshape(-1, 4),
             np.array([each["area"] for each in every], float),
             np.array([bool(each.get("iscrowd")) for each in every], bool),
@@ -70,7 +70,7 @@ class Targets(NamedTuple):
     def category_of_class(self, category_of: Mapping[int, int], class_ids: Places) -> tuple[Places, int]:
         """Of each class's number the place of its category, -1 of none, (N,); and how many categories there are, with
         those that have no target. category_of: ids of categories."""
-        places = {category: place for place, category in enumerate(self.categories)}
+        places = {category: index for index, category in enumerate(self.categories)}
         of_class = np.full(max(category_of, default=0) + 2, -1)
         for number, category in category_of.items():
             of_class[number] = places.setdefault(category, len(places))
@@ -94,8 +94,8 @@ def target_confidences(
     for some in (slice(first, first + step) for first in range(0, len(detections), step)):
         right = ids[:, None] == detections.class_ids[some]
         right &= overlaps(targets[:, None], xywh(detections.boxes_xyxy[some])) >= MATCH_IOU
-        whose, found = np.nonzero(right)
-        np.maximum.at(confidences, whose, detections.scores[some][found])
+        whose, which = np.nonzero(right)
+        np.maximum.at(confidences, whose, detections.scores[some][which])
     return confidences
 
 
@@ -133,10 +133,10 @@ def matched(
         value = preference[pairs] + len(preference) * ~aside[:, None, what]
         starts = np.flatnonzero(np.diff(who, prepend=-1))
         best = np.maximum.reduceat(np.where(possible, value, -1), starts, axis=2)
-        area, limit, place = np.nonzero(best >= 0)
-        chosen = target[by_preference[best[area, limit, place] % len(preference)]]
-        taken[area, limit, who[starts][place]] = True
-        beside[area, limit, who[starts][place]] = aside[area, chosen]
+        area, limit, index = np.nonzero(best >= 0)
+        chosen = target[by_preference[best[area, limit, index] % len(preference)]]
+        taken[area, limit, who[starts][index]] = True
+        beside[area, limit, who[starts][index]] = aside[area, chosen]
         free[area, limit, chosen] = False
     return taken, beside
 

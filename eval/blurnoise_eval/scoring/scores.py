@@ -89,8 +89,8 @@ class Score:
         """The score of answers under one condition, undefined where there is nothing to score."""
         if self.by_size is not None:
             return self.by_size(evaluated, "all")
-        found = evaluated.mean(self.name) if self.of is None else self.of(evaluated)
-        return found if isinstance(found, ClusterEstimate) else ClusterEstimate(found)
+        value = evaluated.mean(self.name) if self.of is None else self.of(evaluated)
+        return value if isinstance(value, ClusterEstimate) else ClusterEstimate(value)
 
 
 def of_conditions() -> list[Score]:

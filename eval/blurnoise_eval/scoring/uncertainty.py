@@ -80,8 +80,8 @@ def influence(sums: ArrayLike, counts: ArrayLike) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         here = np.where((count > 0) | (total > 0), count, np.nan)
         others = (np.nansum(here, axis=0) - here) / (np.isfinite(here).sum(axis=0) - 1)
-        found = (total - ratio_of_sums(total, count) * here) / others
-        return np.asarray(np.where(others > 0, found, np.nan))
+        away = (total - ratio_of_sums(total, count) * here) / others
+        return np.asarray(np.where(others > 0, away, np.nan))
 
 
 def mean(sums: ArrayLike, counts: ArrayLike) -> ClusterEstimate:

@@ -77,17 +77,17 @@ class Steps:
 def check_files(path: Path) -> list[Path]:
     """The journals beside a run's file. Raises ``ValueError`` for one that is no file: SQLite would write through a
     link. And for a file that no run was begun in: SQLite would write beside one that it opens."""
-    found = [path.with_name(path.name + end) for end in ("-wal", "-journal", "-shm", "")]
-    found = [each for each in found if os.path.lexists(each)]
-    for each in found:
+    journals = [path.with_name(path.name + end) for end in ("-wal", "-journal", "-shm", "")]
+    journals = [each for each in journals if os.path.lexists(each)]
+    for each in journals:
         if not stat.S_ISREG(each.lstat().st_mode):
             raise ValueError(f"{each.name} must be a file, no link, device or pipe")
-    if path in found and path.stat().st_size:
+    if path in journals and path.stat().st_size:
         # by SQLite, since whoever else closes it drops the locks of this process
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)) as db:
             if db.execute("PRAGMA application_id").fetchone() != (schema.APPLICATION,):
                 raise ValueError(OTHER_VERSION)
-    return [each for each in found if each.name.endswith(("-wal", "-journal"))]
+    return [each for each in journals if each.name.endswith(("-wal", "-journal"))]
 
 
 def connect(path: Path, steps: Steps) -> sqlite3.Connection:
@@ -134,5 +134,5 @@ def check_tables(db: sqlite3.Connection) -> None:
 
 
 def _listed(db: sqlite3.Connection) -> list[tuple[object, ...]]:
-    found = db.execute("SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY name LIMIT 50")
-    return [tuple(row) for row in found]
+    listed = db.execute("SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY name LIMIT 50")
+    return [tuple(row) for row in listed]
