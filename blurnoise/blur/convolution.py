@@ -57,6 +57,13 @@ def motion_blur(
         "auto": "tiles", without blurs whose omission causes an error below ``NEGLIGIBLE``.
 
     Raises ``TypeError`` or ``ValueError`` for anything but finite values of these shapes.
+
+    >>> import torch
+    >>> from blurnoise import motion_blur
+    >>> edge = (torch.arange(64.0) >= 32).expand(1, 1, 8, 64).float()
+    >>> ramp = motion_blur(edge, (8.0, 0.0))[0, 0, 0]  # 8 px to the right: the step becomes a ramp 8 px wide
+    >>> [round(float(ramp[x]), 1) for x in (24, 30, 32, 34, 40)]
+    [0.0, 0.3, 0.6, 0.8, 1.0]
     """
     return exposure_blur(image, displacement_px, SHARP, method=method, border=border)
 
@@ -69,6 +76,13 @@ def path_blur(
 
     path: as an exposure sees it, or knots (K, 2), px, at equal times, (0, 0) where the picture shows the place.
     Differentiable in the pictures and the knots. Raises ``TypeError`` or ``ValueError``.
+
+    >>> dot = torch.zeros(1, 1, 32, 32)
+    >>> dot[..., 16, 16] = 1.0
+    >>> path = torch.tensor([[-4.0, 0.0], [4.0, 0.0], [-4.0, 0.0]])  # 8 px to the right and back again
+    >>> once = motion_blur(dot, (8.0, 0.0))
+    >>> bool((path_blur(dot, path) - once).abs().max() < 1e-4)  # the same places for the same times
+    True
     """
     if isinstance(path, Polyline):
         return exposure_blur(image, (0.0, 0.0), optics, (path,) * len(image), border=border)
@@ -96,6 +110,13 @@ def exposure_blur(
 
     paths: a path or None for each picture; a path includes the displacement. ``method`` "kornia" supports only
     straight motion and raises ``ValueError`` for a lens with blur.
+
+    >>> bar = torch.zeros(1, 1, 8, 64)
+    >>> bar[..., 32] = 1.0
+    >>> lens = Optics(gaussian_sigma_px=1.0)
+    >>> seen = exposure_blur(bar, (6.0, 0.0), lens)[0, 0, 0]  # a line of 1 px, spread over 6 px
+    >>> round(float(seen.sum()), 3), round(1 / float(seen[32]), 1)
+    (1.0, 6.0)
     """
     image_batch("image", image)
     an_instance("optics", optics, Optics)
@@ -105,11 +126,13 @@ def exposure_blur(
     if method == "kornia":
         return _kornia(image, moved, optics, border)
     moved = moved if differentiable(moved) else moved.detach()
+    # A GPU is fastest with one transform for the whole batch, a core's cache with one for each picture.
     together = image.device.type != "cpu" and not any(paths)
     responses: list[fourier.Response | None] = []
     groups = torch.split(moved, len(image) if together else 1)
     for group, path in zip(groups, paths or (None,) * len(groups), strict=True):
         if path is not None and path.shares:
+            # Errors of causes that act one after another add up at most, so their sum is a bound for both.
             left_out = path.error + optics.error
             knots = torch.from_numpy(path.knots) if path.knots_px is None else path.knots_px
             shares = torch.from_numpy(np.array(path.shares))
@@ -138,6 +161,7 @@ def _applied(
 
     if differentiable(image, *(response.variable for response in responses if response)):
         pairs = zip(torch.split(image, each), responses, strict=True)
+        # Written to one by one, a plane cannot be differentiated: with gradients the parts are joined.
         return torch.cat([blurred(picture, response) for picture, response in pairs])
     out = torch.empty_like(image, memory_format=torch.contiguous_format)
     jobs = zip(torch.split(image.detach(), each), responses, torch.split(out, each), strict=True)
@@ -146,7 +170,11 @@ def _applied(
 
 
 def motions(name: str, value: object, image: Tensor) -> Tensor:
-    """Check vectors and broadcast them to (B, 2), in ``image``'s dtype. Raises ``TypeError`` or ``ValueError``."""
+    """Check vectors and broadcast them to (B, 2), in ``image``'s dtype. Raises ``TypeError`` or ``ValueError``.
+
+    >>> motions("displacement_px", (3.0, 4.0), torch.zeros(2, 1, 8, 8)).tolist()
+    [[3.0, 4.0], [3.0, 4.0]]
+    """
     vectors = real_tensor(name, value)
     if vectors.shape not in {(2,), (1, 2), (len(image), 2)}:
         raise ValueError(f"{name}: shape must be (2,) or ({len(image)}, 2), got {tuple(vectors.shape)}")
@@ -160,6 +188,14 @@ def defocus(image: Tensor, radius_px: float, *, border: Border = "reflect") -> T
 
     Equals MATLAB's ``fspecial('disk', r)``, which counts the pixel's own aperture a second time;
     :func:`exposure_blur` does not.
+
+    >>> import torch
+    >>> from blurnoise import defocus
+    >>> dot = torch.zeros(1, 1, 9, 9)
+    >>> dot[..., 4, 4] = 1.0
+    >>> centre = float(defocus(dot, radius_px=2.0)[0, 0, 4, 4])
+    >>> round(1 / centre, 2)  # the light of a point is spread over the disc's area, 4 pi px
+    12.57
     """
     image_batch("image", image)
     one_of("border", border, BORDERS)
@@ -176,6 +212,11 @@ def disc(radius_px: float) -> NDArray[np.float64]:
     """Kernel (k, k), k odd, of defocus with a round aperture: the area of the disc in each pixel, over its own.
 
     [[1]] up to half a pixel.
+
+    >>> disc(0.5)
+    array([[1.]])
+    >>> round(float(disc(2.0).sum()), 6), disc(2.0).shape
+    (1.0, (5, 5))
     """
     half = max(0, math.ceil(radius_px - 0.5))
     if half == 0:
@@ -216,6 +257,7 @@ def _kornia(image: Tensor, moved: Tensor, optics: Optics, border: Border) -> Ten
             )
         pad = max(0, round((length - 1) / 2))
         if pad:
+            # Kornia counts angles counter-clockwise, and here y points down.
             angle_deg = -math.degrees(math.atan2(dy, dx))
             plane = _padded(picture, pad, border)
             plane = filters.motion_blur(

@@ -34,7 +34,13 @@ _TAIL_PX = 8  # of a band-limited line beyond its ends, as in blur.fourier; more
 
 @dataclass(frozen=True)
 class Readout:
-    """When the rows of a picture are exposed, s: ``row_s`` as the module says, ``reset``: all begin together."""
+    """When the rows of a picture are exposed, s: ``row_s`` as the module says, ``reset``: all begin together.
+
+    >>> readout = Readout(rows=3, row_s=1e-3, exposure_s=5e-3)
+    >>> starts, stops = readout.windows_s
+    >>> (1e3 * starts).round(3).tolist(), (1e3 * stops).round(3).tolist()  # ms; the middle row about 0
+    ([-3.5, -2.5, -1.5], [1.5, 2.5, 3.5])
+    """
 
     rows: int
     row_s: float
@@ -55,6 +61,7 @@ class Readout:
         readout_s = last * abs(self.row_s)
         later = tau + readout_s / 2
         start = np.full_like(later, -(self.exposure_s + readout_s / 2) / 2)
+        # Centred, so that time 0 stays mid-exposure of the middle row.
         return start, start + self.exposure_s + later
 
     @property
@@ -75,6 +82,11 @@ class Displacement:
     """Displacement at time t: ``even_px`` t / T plus the position on the path, during the exposure of each row.
 
     even_px: (2,), or (2, H, W) of each pixel of the picture, during an exposure; its gradients pass. exposure_s: ().
+
+    >>> still_rows = Readout(rows=4, row_s=0.0, exposure_s=0.01)
+    >>> moves = Displacement(torch.tensor([3.0, 0.0]), torch.tensor(0.01), still_rows)
+    >>> moves.way, moves.velocity_px_s  # 3 px in 10 ms
+    ('transfer', (300.0, 0.0))
     """
 
     even_px: Tensor
@@ -155,6 +167,7 @@ class Displacement:
         if self.path is None:
             return np.array([begin, end + 1e-12]), np.zeros((2, 2))
         knots, durations = self.path.window(begin, end)
+        # The picture at rest shows where things are on average, so that no path moves its centroid.
         origin = np.array(self.path.origin_px(self.readout.exposure_s))[:, None]
         return begin + sums(durations), knots - origin
 
@@ -176,6 +189,7 @@ class Displacement:
         by = self.even_px
         if not self.readout.row_s:
             return torch.zeros_like(by), by
+        # A flow carries itself along: what passes p at the middle of its row's exposure has come from further back.
         rate, middle, lasting = self._rate(by, Window(0, 0, *by.shape[1:]))
         base = _carried(rate, rate * (middle / 2)) * middle
         return base, _carried(rate, base) * lasting
@@ -197,6 +211,7 @@ class Displacement:
         known, knots = self.path_track
         places = torch.from_numpy(np.stack([np.interp(at, known, along) for along in knots], 1))
         lasting_s = self.readout.exposure_s
+        # The gradient by the exposure: its window's ends move, and with them the points of the path that are seen.
         if not lasting_s or not differentiable(self.exposure_s):
             return places
         during, _ = self.path.window(-lasting_s / 2, lasting_s / 2)
@@ -252,6 +267,7 @@ class Displacement:
         gone = sums(np.abs(np.diff(self.track[1])))
         starts, stops = self.readout.windows_s
         ends = (np.stack([np.interp(at, self.track[0], each) for each in gone]) for at in (stops, starts))
+        # In n parts each axis moves by 1/n, so their product falls with n squared.
         return max(1, math.ceil(math.sqrt(float(np.subtract(*ends).prod(0).max()) / _AT_ONCE_PX2)))
 
     def mean_px(self, rows: Floats) -> Floats:
@@ -264,6 +280,7 @@ class Displacement:
             return passed[:, knot] + (at - times[knot]) * (knots[:, knot] + self._places(at)) / 2
 
         lasting = stops - starts
+        # Exposures of no length have no mean: there the place at that time counts.
         mean = (until(stops) - until(starts)) / np.maximum(lasting, 1e-9)
         return np.where(lasting > 1e-9, mean, self._places(starts))
 
@@ -278,6 +295,7 @@ class Displacement:
         far = rows - rows.clip(
             -2 * reach, self.readout.rows + 2 * reach
         )  # all rows beyond move as the nearest one
+        # Only rows near the picture are searched: boxes may lie anywhere.
         rows = rows - far
         grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
         seen: Floats = far + np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
@@ -291,9 +309,11 @@ class Displacement:
         """
         (begin, end), knots = self.readout.span_s, self.track[0]
         times = np.union1d(np.linspace(begin, end, _TIMES), knots[(knots > begin) & (knots < end)])
+        # Rows in the order in which they are read, so that both times increase, as interpolation needs.
         down = 1 if self.readout.row_s > 0 else -1
         starts, stops = (each[::down] for each in self.readout.windows_s)
         rows, outside = np.arange(self.readout.rows)[::down], math.inf * down
+        # At each time the rows from the first whose exposure is not over, to the last one that has begun.
         over = np.where(times <= stops[0], -outside, np.interp(times, stops, rows))
         begun = np.where(times >= starts[-1], outside, np.interp(times, starts, rows))
         first, last = np.minimum(over, begun), np.maximum(over, begun)
@@ -312,6 +332,9 @@ def stretch(velocity_y_px_s: float, row_s: float) -> float:
     """Factor by which moving objects are stretched down the picture, and their blur too, 1 / (1 - v_y row_s).
 
     Raises ``ValueError`` where what is seen overtakes the readout.
+
+    >>> stretch(velocity_y_px_s=2000.0, row_s=100e-6)  # falls 0.2 rows while a row is read
+    1.25
     """
     if velocity_y_px_s * row_s >= 1:
         raise ValueError(
@@ -337,5 +360,9 @@ def _carried(flow: Tensor, by_px: Tensor) -> Tensor:
 
 
 def spread_px(along_px: float) -> int:
-    """How far a blur reaches that displaces by so much, the tail of the band-limited line included."""
+    """How far a blur reaches that displaces by so much, the tail of the band-limited line included.
+
+    >>> spread_px(2.5), spread_px(0.0)  # the motion, and 8 px of tail
+    (11, 0)
+    """
     return math.ceil(along_px) + _TAIL_PX if abs(along_px) >= STILL_PX else 0

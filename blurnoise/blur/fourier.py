@@ -43,7 +43,12 @@ _LARGEST_PLANE = 2**28  # values; a motion of millions of pixels should fail by 
 
 @dataclass(frozen=True)
 class FrequencyAxis:
-    """One axis of a layout: ``core`` pixels from each tile, ``before`` them ``margin``, the tile ``length``."""
+    """One axis of a layout: ``core`` pixels from each tile, ``before`` them ``margin``, the tile ``length``.
+
+    >>> two_tiles = FrequencyAxis(size=100, core=50, before=7, length=64)
+    >>> two_tiles.tiles[1]  # in the continued picture, in the picture, in the tile
+    (slice(50, 114, None), slice(50, 100, None), slice(7, 57, None))
+    """
 
     size: int
     core: int
@@ -71,7 +76,12 @@ class FrequencyAxis:
 
 @dataclass(frozen=True)
 class Layout:
-    """How a picture is extended and tiled; dims: the axes that are transformed."""
+    """How a picture is extended and tiled; dims: the axes that are transformed.
+
+    >>> row, column = FrequencyAxis(480, 480, 0, 480), FrequencyAxis(640, 640, 16, 672)
+    >>> Layout(row, column, dims=(-1,)).lengths  # only rows are transformed
+    (1, 672)
+    """
 
     y: FrequencyAxis
     x: FrequencyAxis
@@ -93,6 +103,15 @@ class Response(ABC):
     """Transfer functions by which a picture, or each of a batch, is blurred; ``str`` names the parameter in errors.
 
     weights: (n, H, W) of the blur by each of n, at every pixel, in their sum; None where there is one.
+
+    >>> class Half(Response):  # of all frequencies
+    ...     variable, reach_px = torch.empty(0), (1.0, 1.0)
+    ...     def packed(self, lengths, kind):
+    ...         return [np.full(lengths, 0.5 / math.prod(lengths), kind)]
+    ...     def at(self, lengths, image):
+    ...         return [torch.tensor(0.5)]
+    >>> float(apply(torch.ones(1, 1, 8, 8), Half(), "reflect")[0, 0, 4, 4].round(decimals=4))
+    0.5
     """
 
     weights: Plane | None = None
@@ -135,6 +154,7 @@ def _layout(size: tuple[int, int], margins: tuple[int, int], border: Border, til
 def _work(layout: Layout) -> float:
     """Predicted time of a layout, ns on one core; planes larger than the cache cost more."""
     values = layout.y.length * layout.x.length
+    # Measured: ns a value there and back, of planes that fit the cache of a core, of a socket, or neither.
     both_ways = 2.9 if values <= 2**20 else 3.3 if values <= 2**22 else 6.0
     tiles, axes = len(layout.y.tiles) * len(layout.x.tiles), len(layout.dims)
     once = 1.4 * values if axes == 2 else 0.0  # the transfer function, the same for all tiles
@@ -144,6 +164,7 @@ def _work(layout: Layout) -> float:
 def _axis(size: int, margin: int, count: int, border: Border) -> FrequencyAxis:
     if count == 1 and border == "circular":
         return FrequencyAxis(size, size, 0, size)
+    # Reflected there and back a picture is periodic: one period serves however long the blur is.
     if count == 1 and border == "reflect" and 2 * margin > 2 * size:
         return FrequencyAxis(size, size, 0, max(1, 2 * size - 2))
     core = math.ceil(size / count)
@@ -155,6 +176,9 @@ def fast_length(length: int) -> int:
     """The next length that a Fourier transform likes: no prime above 7, beyond 256 a multiple of 32, not of 256.
 
     Rows or columns a large power of two apart share a place in the cache; they take up to half as long again.
+
+    >>> fast_length(97), fast_length(512)  # 98 = 2 x 7 x 7; a large power of two is avoided
+    (98, 576)
     """
     step = 32 if length > 256 else 2
     return next(n for n in count(step * math.ceil(length / step), step) if _is_fast(n))
@@ -165,7 +189,13 @@ def _is_fast(length: int) -> bool:
 
 
 def limited_plane(needs: str, height: int, width: int) -> None:
-    """Raise ``ValueError`` where a plane is too large; ``needs``: what needs it."""
+    """Raise ``ValueError`` where a plane is too large; ``needs``: what needs it.
+
+    >>> limited_plane("displacement_px = 1e5 needs", 1 << 10, 1 << 20)
+    Traceback (most recent call last):
+        ...
+    ValueError: displacement_px = 1e5 needs a plane of 1024x1048576 pixels; at most 268435456 are allowed
+    """
     if height * width > _LARGEST_PLANE:
         raise ValueError(f"{needs} a plane of {height}x{width} pixels; at most {_LARGEST_PLANE} are allowed")
 
@@ -184,6 +214,11 @@ def apply(
     tiled: in tiles, where that is faster than one transform. ``threads`` share planes and tiles on the CPU, which
     changes no bit; without gradients a response is one picture's there. Raises ``ValueError`` where the continued
     picture would be too large.
+
+    >>> still = Straight(torch.zeros(1, 2))
+    >>> picture = torch.rand(1, 3, 8, 12, generator=torch.Generator().manual_seed(0))
+    >>> bool((apply(picture, still, "reflect") - picture).abs().max() < 1e-6)
+    True
     """
     high, wide = (8 * math.ceil((reach + _TAIL_PX) / 8) if reach else 0 for reach in response.reach_px)
     layout = _layout((image.shape[-2], image.shape[-1]), (high, wide), border, tiled)
@@ -191,6 +226,7 @@ def apply(
     limited_plane(f"{response}: border {border!r} needs", y.span, x.span)
     if out is None:
         out = torch.empty_like(image, memory_format=torch.contiguous_format)
+    # Of a blur along one axis the other needs no transform, which saves half of the time.
     along_rows = len(layout.dims) == 1 and response.weights is None
     if layout.packs and plain(image, response.variable) and (along_rows or len(layout.dims) == 2):
         for picture, target in zip(image.detach().numpy(), out.detach().numpy(), strict=True):
@@ -249,6 +285,7 @@ def _rows(
     (channels, height, _), kind = sources.shape, sources.dtype
     x = layout.x if -1 in layout.dims else layout.y
     strip = min(height, max(1, _STRIP // x.span))
+    # Repeated once for all strips: OpenCV's product of a path takes factors as large as the spectrum.
     factors = np.repeat(response.packed(layout.lengths, kind)[0], strip, axis=0)
 
     def blur(job: tuple[int, int]) -> None:
@@ -269,7 +306,11 @@ def _rows(
 
 @dataclass(frozen=True, eq=False)
 class Straight(Response):
-    """Uniform motion, displacement_px (B, 2), x and y, and a lens."""
+    """Uniform motion, displacement_px (B, 2), x and y, and a lens.
+
+    >>> Straight(torch.tensor([[6.0, 0.0]])).reach_px  # down and across: half of the motion to either side
+    (0.0, 3.0)
+    """
 
     displacement_px: Tensor
     optics: Optics = SHARP
@@ -306,10 +347,14 @@ def pack(response: Plane) -> Plane:
 
     response: (h, w / 2 + 1), at the frequencies of ``rfft2`` and even in both axes together, or for transforms
     of rows alone (1, w / 2 + 1).
+
+    >>> pack(np.ones((1, 3)))  # of 4 values: real 0, real and imaginary 1, real 2, each over 4
+    array([[0.25, 0.25, 0.25, 0.25]])
     """
     out = np.empty((len(response), 2 * response.shape[1] - 2), response.dtype)
     out[:, 1:-1:2] = out[:, 2:-1:2] = response[:, 1:-1]
     down = (np.arange(len(response)) + 1) // 2
+    # The first and the last column are real transforms of a column, and so packed downwards as rows are.
     out[:, 0], out[:, -1] = response[down, 0], response[down, -1]
     out /= out.size
     return out
@@ -330,11 +375,17 @@ row_factors = lru_cache(maxsize=256)(_factors)
 
 
 def motion_response(motion_px: tuple[float, float], lengths: tuple[int, int], kind: np.dtype[Any]) -> Plane:
-    """:func:`.transfer.motion` at :func:`frequencies`, in NumPy: on one core, at half the cost."""
+    """:func:`.transfer.motion` at :func:`frequencies`, in NumPy: on one core, at half the cost.
+
+    >>> response = motion_response((4.0, 0.0), (1, 32), np.dtype(np.float64))
+    >>> response[0, [0, 8]].round(6).tolist()  # at 0 and at 1/4 cycles/px, the first zero of 4 px
+    [1.0, 0.0]
+    """
     dx, dy = (math.pi * along for along in motion_px)
 
     def motion(fx: Plane, fy: Plane) -> Plane:
         phase = (fx * dx).astype(kind) + (fy * dy).astype(kind)[:, None]
+        # Without a mask: NumPy would go over the plane twice more.
         phase += 1e-30  # sinc(0) is 1; no other phase is that small
         return np.asarray(np.divide(np.sin(phase), phase, out=phase))
 
@@ -344,13 +395,22 @@ def motion_response(motion_px: tuple[float, float], lengths: tuple[int, int], ki
 
 @lru_cache(maxsize=64)
 def lens_factors(optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]) -> Plane:
-    """A lens's response as :func:`pack` gives it, cached; read only."""
+    """A lens's response as :func:`pack` gives it, cached; read only.
+
+    >>> lens_factors(Optics(defocus_radius_px=1.0), (4, 8), np.dtype(np.float64)).shape
+    (4, 8)
+    """
     return pack(lens_response(optics, lengths, kind))
 
 
 @lru_cache(maxsize=8)
 def lens_response(optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]) -> Plane:
-    """A lens's response on one grid, cached; read only."""
+    """A lens's response on one grid, cached; read only.
+
+    >>> response = lens_response(Optics(gaussian_sigma_px=1.0), (1, 8), np.dtype(np.float64))
+    >>> response[0, :2].round(4).tolist()  # exp(-2 pi^2 / 64) at 1/8 cycles/px
+    [1.0, 0.7346]
+    """
     fy, fx = (torch.from_numpy(f.astype(kind)) for f in frequencies(lengths))
     return np.asarray(optics.response(fx, fy[:, None]).numpy())
 
@@ -359,6 +419,10 @@ def frequencies(lengths: tuple[int, int]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Of ``rfftn``, (fy, fx), cycles/px: its last axis goes from 0 to 1/2, another over +-1/2 back to 0.
 
     An axis of length 1 is not transformed.
+
+    >>> fy, fx = frequencies((4, 4))
+    >>> fy.tolist(), fx.tolist()
+    ([0.0, 0.25, -0.5, -0.25], [0.0, 0.25, 0.5])
     """
     height, width = lengths
     return np.fft.fftfreq(height) if width > 1 else np.fft.rfftfreq(height), np.fft.rfftfreq(width)
@@ -369,6 +433,11 @@ def joined(motion: Callable[[Any, Any], _Array], fx: _Array, fy: _Array, lengths
 
     A step there would ring far into the picture. At f cycles/px the alias is the response at f - 1; it has no
     weight up to f = 0.45 and half the weight at 0.5. Serves tensors and arrays alike.
+
+    >>> fx = np.array([0.0, 0.5])  # half a pixel to the left: i at 1/2 cycle/px, and -i at its alias
+    >>> shifted = joined(lambda fx, fy: np.exp(1j * np.pi * fx)[None], fx, np.zeros(1), (1, 2))
+    >>> abs(shifted[0]).round(6).tolist()  # the mean of both
+    [1.0, 0.0]
     """
 
     def near(f: Any, length: int) -> tuple[slice, Any, Any]:
@@ -381,6 +450,7 @@ def joined(motion: Callable[[Any, Any], _Array], fx: _Array, fy: _Array, lengths
         values = motion(fx, fy)
         rows, alias, weight = near(fy, lengths[0])
         if len(alias):
+            # First along y, then along x of what that gives: corners of the band meet the aliases of both axes.
             values[..., rows, :] += weight[:, None] * (motion(fx, alias) - values[..., rows, :])
         return values
 

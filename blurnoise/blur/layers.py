@@ -45,6 +45,7 @@ from blurnoise.blur.displacement import Displacement, Readout, spread_px
 from blurnoise.blur.sub_exposures import MovingPlane
 from blurnoise.camera.transfer import SHARP
 
+# As the largest side of a picture, see _core.checks: beyond it a layer can only be a mistake.
 _PLACE_PX = 1 << 20
 _LONGEST_PX = 4096.0  # of a motion that is cut into sub-exposures
 _FAINT = 1e-3  # share of a pixel below which an object has no colour
@@ -60,6 +61,12 @@ class Layer:
     velocity_px_s (:meth:`blurnoise.Exposure.of_targets`); None: no target. headlamp_lux: for each beam, "low" or
     "high", what headlamps add to the light on the object, lux, (1, h, w). Gradients pass through light, alpha,
     velocity and headlamp_lux. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+
+    >>> import torch
+    >>> from blurnoise import Layer
+    >>> post = Layer(torch.full((1, 4, 2), 0.8), torch.ones(4, 2), velocity_px_s=(500.0, 0.0), place_px=(6, 1))
+    >>> post.displacement_px(torch.tensor(0.01)).tolist()  # 500 px/s for 10 ms
+    [5.0, 0.0]
     """
 
     light: Tensor
@@ -114,7 +121,12 @@ Layers = Sequence[Layer] | Sequence[Sequence[Layer]]
 
 
 def layers_per_picture(layers: Layers, background: Tensor) -> tuple[tuple[Layer, ...], ...]:
-    """The layers of each picture (B, C, H, W), checked against it. Raises ``TypeError`` or ``ValueError``."""
+    """The layers of each picture (B, C, H, W), checked against it. Raises ``TypeError`` or ``ValueError``.
+
+    >>> post = Layer(torch.ones(1, 4, 2), torch.ones(4, 2))
+    >>> [len(own) for own in layers_per_picture([post], torch.zeros(3, 1, 8, 8))]  # before each of 3 pictures
+    [1, 1, 1]
+    """
     must = f"layers: must be layers, or a sequence of them for each of {len(background)} pictures"
     if not isinstance(layers, (tuple, list)):
         raise TypeError(must)
@@ -167,7 +179,13 @@ def expose_layers(
 
 
 def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
-    """Mean of a picture (1, C, H, W) over an exposure, normalised for rows that are exposed longer."""
+    """Mean of a picture (1, C, H, W) over an exposure, normalised for rows that are exposed longer.
+
+    >>> edge = (torch.arange(64.0) >= 32).expand(1, 1, 8, 64).float()
+    >>> by = Displacement(torch.tensor([8.0, 0.0]), torch.tensor(0.01), Readout(8, 0.0, 0.01))
+    >>> [round(float(moved(edge, by, "reflect")[0, 0, 0, x]), 1) for x in (24, 32, 40)]
+    [0.0, 0.6, 1.0]
+    """
     if moves.still:
         return picture
     if moves.way == "sub-exposures":
@@ -184,7 +202,13 @@ def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
 def exposed(
     background: Tensor, layers: Sequence[Layer], moves: Displacement, border: Border = "reflect"
 ) -> Tensor:
-    """:func:`expose_layers` of one picture (1, C, H, W); moves: the background's, before any camera."""
+    """:func:`expose_layers` of one picture (1, C, H, W); moves: the background's, before any camera.
+
+    >>> sign = Layer(torch.ones(1, 3, 4), torch.ones(3, 4), velocity_px_s=(300.0, 0.0), place_px=(5, 2))
+    >>> still = Displacement(torch.zeros(2), torch.tensor(0.01), Readout(8, 0.0, 0.01))
+    >>> round(float(exposed(torch.zeros(1, 1, 8, 14), [sign], still).sum()), 1)  # light of 12 px, spread by 3 px
+    12.0
+    """
     size = (background.shape[-2], background.shape[-1])
     groups: list[_Alike] = []
     for layer in map(trimmed, layers):
@@ -195,6 +219,7 @@ def exposed(
         if window.height > 0 and window.width > 0:
             groups.append(_Alike((layer,), own, window))
     ground = background
+    # An object that moves with the background hides the same part of it throughout: the two are one picture.
     while groups and groups[0].moves.moves_like(moves):  # it is part of the background
         (layer,), _, window = groups.pop(0)
         rest = window if border == "circular" else layer.window.clipped(size)
@@ -215,6 +240,8 @@ def exposed(
                 last = near.pop()
                 each = _Alike((*last.layers, *each.layers), last.moves, window)
             near.append(each)
+        # The matte formula is exact where the object or the background is still; else the part of the background
+        # that is hidden changes during the exposure.
         if len(near) > 1 or not (moves.still or near[0].moves.still):
             seen = _sub_exposed(near, window, ground, blurred, moves, border)
         else:
@@ -240,6 +267,7 @@ def _blurred(own: _Alike, window: Window, like: Tensor, border: Border) -> tuple
     if moves.readout.row_s and not moves.still:
         seen = sub_exposures.exposed(MovingPlane(plane[0], moves, work.top, work.left), window)[None]
     else:
+        # The window holds all that the motion reaches, so that what wraps round is 0.
         seen = cut(moved(plane, moves, "circular"), work, window)
     return seen[:, :-1], seen[:, -1:].clamp(0, 1)
 
@@ -267,6 +295,7 @@ def _sub_exposed(
     front = group[-1]
     for each in group:
         plane = plane_of(each.layers, work, ground, border)[0]
+        # Only the background's visible share needs sub-exposures; the front layer's own blur is exact without them.
         if each is front and not front.moves.each_row_differs:  # its light is added below
             plane = plane[-1:]
         planes.append(MovingPlane(plane, each.moves, work.top, work.left))
@@ -285,6 +314,7 @@ def _work(window: Window, moves: Sequence[Displacement]) -> Window:
     grown = window.grown(down, across)
     height = fourier.fast_length(grown.height) if down else grown.height
     width = fourier.fast_length(grown.width) if across else grown.width
+    # Refused by name here: as a failure of memory it would name nothing.
     fourier.limited_plane(
         f"displacement_px: {max(across, down)} px to either side; a layer needs", height, width
     )
@@ -292,7 +322,12 @@ def _work(window: Window, moves: Sequence[Displacement]) -> Window:
 
 
 def meeting(windows: Sequence[Window]) -> list[tuple[Window, list[int]]]:
-    """Groups of windows that overlap, directly or through others: the joint window, and their indices in order."""
+    """Groups of windows that overlap, directly or through others: the joint window, and their indices in order.
+
+    >>> left, right, far = Window(0, 0, 4, 4), Window(0, 3, 4, 4), Window(20, 20, 4, 4)
+    >>> [members for _, members in meeting([left, far, right])]
+    [[1], [0, 2]]
+    """
     groups: list[tuple[Window, list[int]]] = []
     for place, window in enumerate(windows):
         members = [place]
@@ -305,7 +340,13 @@ def meeting(windows: Sequence[Window]) -> list[tuple[Window, list[int]]]:
 
 
 def flattened(layers: Sequence[Layer]) -> Layer:
-    """Layers that move as the first does, back to front, as one layer."""
+    """Layers that move as the first does, back to front, as one layer.
+
+    >>> back = Layer(torch.full((1, 2, 2), 0.2), torch.ones(2, 2))
+    >>> front = Layer(torch.ones(1, 2, 2), torch.full((2, 2), 0.5))
+    >>> round(float(flattened([back, front]).light[0, 0, 0]), 6)  # half of 1 over half of 0.2
+    0.6
+    """
     if len(layers) == 1:
         return layers[0]
     window = reduce(Window.joined, (layer.window for layer in layers))
@@ -328,7 +369,12 @@ def flattened(layers: Sequence[Layer]) -> Layer:
 
 
 def coloured(plane: Tensor) -> tuple[Tensor, Tensor]:
-    """Light (C, h, w) and matte (h, w) of a plane (C + 1, h, w) of light times matte, and the matte."""
+    """Light (C, h, w) and matte (h, w) of a plane (C + 1, h, w) of light times matte, and the matte.
+
+    >>> light, alpha = coloured(torch.tensor([[[0.25, 0.0]], [[0.5, 0.0]]]))
+    >>> light.tolist(), alpha.tolist()
+    ([[[0.5, 0.0]]], [[0.5, 0.0]])
+    """
     alpha = plane[-1].clamp(0, 1)
     covers = alpha > _FAINT  # fainter values are the ringing of resampling, and have no colour
     return torch.where(covers, plane[:-1] / alpha.clamp_min(_FAINT), 0.0), torch.where(covers, alpha, 0.0)
@@ -338,6 +384,12 @@ def trimmed(layer: Layer) -> Layer:
     """The layer without margins in which its matte is 0, so that only objects at the border continue beyond it.
 
     A layer whose matte needs gradients, or is empty, is returned unchanged.
+
+    >>> alpha = torch.zeros(5, 5)
+    >>> alpha[2, 3] = 1.0
+    >>> small = trimmed(Layer(torch.ones(1, 5, 5), alpha))
+    >>> small.place_px, tuple(small.alpha.shape)
+    ((3, 2), (1, 1))
     """
     x, y, width, height = cv2.boundingRect((layer.alpha.detach() > 0).byte().cpu().numpy())
     if differentiable(layer.alpha) or width == 0 or (height, width) == tuple(layer.alpha.shape):
@@ -359,6 +411,11 @@ def seen_behind(
     it is L / 4w up to L = 2w, then 1 - w / L. movers: all objects, this one included, each with its displacement
     relative to the background; objects of different motions count as independent. size: of the picture (H, W); an
     object at its border continues beyond it by reflection.
+
+    >>> post = Layer(torch.ones(1, 20, 10), torch.ones(20, 10), place_px=(40, 20))
+    >>> share = seen_behind(post, [(post, (10.0, 0.0))], (60, 100))
+    >>> round(share, 2)  # L / 4w of 10 px wide and 10 px moved
+    0.25
     """
 
     def matte(of: Layer, window: Window) -> Tensor:
@@ -389,7 +446,12 @@ class ObjectMotion(NamedTuple):
 
 
 def object_motion(layer: Layer, exposure_s: float, size: tuple[int, int]) -> ObjectMotion:
-    """Motion of a layer, and the share of a picture (H, W) that it may cover."""
+    """Motion of a layer, and the share of a picture (H, W) that it may cover.
+
+    >>> post = Layer(torch.ones(1, 4, 2), torch.ones(4, 2), velocity_px_s=(500.0, 0.0), place_px=(50, 50))
+    >>> object_motion(post, 0.01, (100, 100)).displacement_px
+    (5.0, 0.0)
+    """
     x, y = layer.displacement_px(torch.tensor(exposure_s, dtype=torch.float64)).tolist()
     window = layer.window.grown(spread_px(abs(y) / 2), spread_px(abs(x) / 2)).clipped(size)
     return ObjectMotion((x, y), max(0, window.height) * max(0, window.width) / math.prod(size))
@@ -397,7 +459,12 @@ def object_motion(layer: Layer, exposure_s: float, size: tuple[int, int]) -> Obj
 
 def plane_of(layers: Sequence[Layer], work: Window, like: Tensor, border: Border) -> Tensor:
     """Light times matte, and the matte, (1, C + 1, h, w) in ``work`` of a picture such as ``like``; of several as
-    one."""
+    one.
+
+    >>> half = Layer(torch.full((1, 1, 1), 0.5), torch.full((1, 1), 0.5))
+    >>> plane_of([half], Window(0, 0, 1, 2), torch.zeros(1, 1, 1, 2), "constant").tolist()  # light x matte, matte
+    [[[[0.25, 0.0]], [[0.5, 0.0]]]]
+    """
     planes = []
     for layer in layers:
         alpha = layer.alpha.to(like)[None]

@@ -66,6 +66,12 @@ def defocus(
 
     image: (B, C, H, W). The error of each pixel's disc is below ``tolerance``, RMS in units of white, for the worst
     picture within [0, 1]: black and white without correlation. Raises ``ValueError`` for more than 64 discs.
+
+    >>> noise = torch.rand(1, 1, 24, 32, generator=torch.Generator().manual_seed(0))
+    >>> radius_px = np.linspace(0.0, 2.0, 32)[None].repeat(24, 0)  # sharp on the left, 2 px on the right
+    >>> seen = defocus(noise, radius_px)
+    >>> bool(seen[..., :4].std() > 3 * seen[..., -4:].std())
+    True
     """
     kind = np.dtype(np.float32 if image.dtype == torch.float32 else np.float64)
     radii = discs(float(radius_px.min()), float(radius_px.max()), tolerance)
@@ -78,16 +84,22 @@ def discs(least_px: float, most_px: float, tolerance: float = TOLERANCE) -> tupl
     """The fewest radii whose discs hold all from ``least_px`` to ``most_px`` within ``tolerance``.
 
     Raises ``ValueError`` if they are more than 64.
+
+    >>> discs(2.0, 2.0), len(discs(0.0, 2.0))
+    ((2.0,), 7)
     """
+    # The error of a blend is an integral over the band, by Parseval's theorem: no picture is needed to find it.
     f, share = np.polynomial.legendre.leggauss(
         _NODES
     )  # over [-1, 1]; the band's quarter is [0, 1/2] both ways
     band = torch.from_numpy(np.hypot(f + 1, f[:, None] + 1).ravel() / 4)
     shares = np.outer(share, share).ravel() / 4
+    # The error is largest between two discs: radii so dense that none of its maxima is missed.
     seen = np.linspace(least_px**2, most_px**2, 4 * math.ceil(most_px - least_px) + 33)
     exact = _of_discs(np.sqrt(seen), band)
     for count in range(1, _MOST + 1):
         middle, half = (most_px**2 + least_px**2) / 2, (most_px**2 - least_px**2) / 2
+        # Chebyshev's points: a polynomial through even ones would swing towards both ends.
         points = middle + half * np.cos((np.arange(count) + 0.5) * np.pi / count)
         radii = tuple(np.sqrt(np.maximum(points, 0.0)).tolist())
         off = weights(seen, radii).T @ _of_discs(np.array(radii), band) - exact
@@ -107,10 +119,15 @@ def weights(u: Plane, radii_px: tuple[float, ...]) -> Plane:
     """Lagrange's polynomials (n, ...) of :func:`discs`'s radii at squares of radii, by the barycentric formula.
 
     See Berrut and Trefethen, SIAM Review 46(3), 2004.
+
+    >>> radii = discs(0.0, 2.0)
+    >>> round(float(weights(np.array([1.0]), radii).sum()), 9)  # shares of the discs at a radius of 1 px
+    1.0
     """
     count = len(radii_px)
     nodes = np.array(radii_px, u.dtype).reshape(-1, *[1] * u.ndim) ** 2
     apart = u - nodes
+    # At a node the formula is 0 / 0: a tiny distance gives that node all of the weight.
     apart[apart == 0] = np.finfo(u.dtype).tiny
     signs = (-1.0) ** np.arange(count) * np.sin((np.arange(count) + 0.5) * np.pi / count)
     np.divide(signs.astype(u.dtype).reshape(nodes.shape), apart, out=apart)

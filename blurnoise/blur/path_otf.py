@@ -26,6 +26,7 @@ _LEAST_PX = 64  # side of the small grid
 _ROOM_PX = 32  # of the band-limited ends, both together
 _LARGE = 1 << 20  # values of a small grid
 _AT_ONCE = 1 << 12  # pieces of a path
+# Nodes fill half a gigabyte, points are laid on them one by one: a longer path is a mistake, and is refused.
 _MOST_POINTS, _MOST_NODES = 1 << 24, 1 << 26
 _PLACES, _WEIGHTS = (torch.from_numpy(each) / 2 for each in np.polynomial.legendre.leggauss(6))
 """Points of a piece of at most a pixel: they err by 4e-8 at half a cycle per pixel both ways."""
@@ -38,7 +39,12 @@ _ACROSS = [
 
 @dataclass(frozen=True, eq=False)
 class Path(fourier.Response):
-    """Knots (2, K), px from where the picture shows the place, shares (K - 1,) of the exposure, and a lens."""
+    """Knots (2, K), px from where the picture shows the place, shares (K - 1,) of the exposure, and a lens.
+
+    >>> there_and_back = torch.tensor([[-2.0, 2.0, -2.0], [0.0, 0.0, 0.0]], dtype=torch.float64)
+    >>> Path(there_and_back, torch.tensor([0.5, 0.5], dtype=torch.float64)).reach_px[1] > 2.0
+    True
+    """
 
     knots_px: Tensor
     shares: Tensor
@@ -84,6 +90,7 @@ def _packed(
     """A path's transfer function on a tile, packed and divided by its size; not to be written to."""
     places = torch.frombuffer(bytearray(knots), dtype=torch.float64).reshape(2, -1)
     spread = spread_in(lengths, places, torch.frombuffer(bytearray(shares), dtype=torch.float64)).numpy()
+    # OpenCV's transforms are not scaled: the division by the size is done once, here.
     spectrum: Plane = cv2.dft((spread / spread.size).astype(kind))
     if optics != SHARP:
         spectrum *= fourier.lens_factors(optics, lengths, kind) * spectrum.size
@@ -94,12 +101,18 @@ def spread_in(lengths: tuple[int, int], knots_px: Tensor, shares: Tensor) -> Ten
     """The point spread of a path in a tile of ``lengths``, which it wraps round, from (0, 0); differentiable.
 
     By way of the small grid unless that is large, and the larger of the two.
+
+    >>> knots = torch.tensor([[-4.0, 4.0], [0.0, 0.0]], dtype=torch.float64)
+    >>> spread = spread_in((64, 64), knots, torch.ones(1, dtype=torch.float64))
+    >>> round(float(spread.sum()), 6), round(float(spread[0, 0]), 2)  # 1 over 8 px
+    (1.0, 0.12)
     """
     width, height = (
         fourier.fast_length(max(_LEAST_PX, math.ceil(2 * reach) + _ROOM_PX))
         for reach in knots_px.detach().abs().amax(1).tolist()
     )
     sides = height, width
+    # A grid smaller than the tile is cheaper to make; of a long path it would be larger, and then the tile serves.
     if height * width > max(_LARGE, math.prod(lengths)):
         sides = max(2, lengths[0]), max(2, lengths[1])
     fy, fx = (torch.from_numpy(f) for f in fourier.frequencies(sides))
@@ -119,8 +132,15 @@ def transfer_on(
 
     The path is a sum over points, laid on nodes of half a pixel through a window and transformed at once;
     differentiable. Raises ``ValueError`` where it is too long for that.
+
+    >>> knots = torch.tensor([[-4.0, 4.0], [0.0, 0.0]], dtype=torch.float64)
+    >>> response = transfer_on((64, 64), knots, torch.ones(1, dtype=torch.float64))
+    >>> first_zero = response(torch.tensor([1 / 8]), torch.tensor([0.0]))  # a wave of 8 px fades over 8 px
+    >>> round(abs(complex(first_zero)), 6)
+    0.0
     """
     height, width = sides
+    # Over a piece of at most a pixel a wave turns by half a cycle: six points integrate that.
     step = knots_px.diff()
     pieces = step.detach().norm(dim=0).ceil().clamp_min(1).long()
     ends = pieces.cumsum(0)
@@ -142,6 +162,7 @@ def transfer_on(
         nearest = (place.detach() - _WIDTH / 2).ceil()
         columns, rows = (nearest.long() + taps) % grid
         across, down = _window((nearest + taps - place) * (2 / _WIDTH))
+        # Each point carries the light of its time, so that slow parts of the path are brighter.
         weight = (shares[of] / pieces[of])[:, None, None] * _WEIGHTS[:, None] * down
         laid = weight[..., :, None] * across[..., None, :]
         plane.index_add_(
@@ -151,6 +172,7 @@ def transfer_on(
 
     def at(fx: Tensor, fy: Tensor) -> Tensor:
         rows, columns = ((f * side).round().long() for f, side in ((fy, height), (fx, width)))
+        # The window blurred what was laid through it: dividing by its own transform takes that out.
         laid_by = torch.outer(_window_transform(fy / 2), _window_transform(fx / 2))
         return seen[rows[:, None], columns] / laid_by
 

@@ -45,16 +45,24 @@ class _Prefilter(fourier.Response):
 
 
 def sampled(image: Tensor, x: Floats, y: Floats, border: Border) -> Tensor:
-    """``image`` at positions x and y, (H', W') each, px: (B, C, H', W'); differentiable in the image."""
+    """``image`` at positions x and y, (H', W') each, px: (B, C, H', W'); differentiable in the image.
+
+    >>> ramp = torch.arange(8.0).expand(1, 1, 8, 8)
+    >>> half_way = np.full((1, 1), 3.5)
+    >>> round(float(sampled(ramp, half_way, half_way, "replicate")), 3)
+    3.5
+    """
     if image.device.type == "cpu" and not plain(image) and len(image) > 1:  # bits depend on no other picture
         return torch.cat([sampled(picture, x, y, border) for picture in torch.split(image, 1)])
     height, width = image.shape[-2:]
     spans = (fourier.fast_length(height + 2 * _MARGIN), fourier.fast_length(width + 2 * _MARGIN))
     across, down = _folded(x, width, border) + _MARGIN, _folded(y, height, border) + _MARGIN
+    # The prefilter wraps round, so the margin also keeps its two ends apart.
     plane = extended(image, (_MARGIN, _MARGIN), spans, border)
     plane = fourier.apply(plane, _Prefilter(), "circular", tiled=False, threads=threads_for(image))
     rows = max(1, _STRIP // x.shape[1])
     strips = [slice(top, top + rows) for top in range(0, len(x), rows)]
+    # cv2.remap takes positions in single precision only.
     if not (plain(image) and image.dtype == torch.float32 and _remaps_exactly()):
         parts = []
         for strip in strips:
@@ -124,6 +132,7 @@ def _strip(plane: Tensor, along_y: _Pairs, along_x: _Pairs) -> Tensor:
         for place_x, weight_x in along_x:
             grid = np.stack([place_x * (2 / (width - 1)) - 1, place_y * (2 / (height - 1)) - 1], -1)
             places = torch.from_numpy(grid).to(plane).expand(len(plane), -1, -1, -1)
+            # A bilinear sample at the right point between two taps holds both: half as many along each axis.
             tap = functional.grid_sample(plane, places, "bilinear", "border", align_corners=True)
             seen = seen + tap * torch.from_numpy(weight_x * weight_y).to(plane)
     return seen

@@ -44,7 +44,15 @@ _ROOM_PX = 64  # of a row's band-limited ends
 
 
 def exposed(light: Tensor, moves: Displacement, border: Border) -> Tensor:
-    """Pictures (B, C, H, W) of which each row is the mean of its own window; differentiable in the light."""
+    """Pictures (B, C, H, W) of which each row is the mean of its own window; differentiable in the light.
+
+    >>> from blurnoise.blur.displacement import Readout
+    >>> step = torch.zeros(1, 1, 65, 4)
+    >>> step[..., 32:, :] = 1.0
+    >>> by = Displacement(torch.tensor([0.0, 8.0]), torch.tensor(1e-3), Readout(65, 0.0, 1e-3))
+    >>> [round(float(exposed(step, by, "replicate")[0, 0, row, 0]), 1) for row in (24, 30, 40)]  # a ramp of 8 px
+    [0.0, 0.3, 1.0]
+    """
     (starts, stops), (time, (x_px, y_px)) = moves.readout.windows_s, moves.track
     across, down = np.abs(x_px).max() > STILL_PX, np.abs(y_px).max() > STILL_PX
     seen, parts = light, moves.parts
@@ -64,6 +72,14 @@ def rolled(light: Tensor, moves: Displacement, border: Border) -> Tensor:
 
     Motion along rows is one transform of rows, motion down them a mean of rows. Otherwise the picture is continued
     before its blur. Raises as :func:`.displacement.stretch` does, and where the continued picture would be too large.
+
+    >>> from blurnoise.blur.displacement import Readout
+    >>> bar = torch.zeros(1, 1, 65, 32)
+    >>> bar[..., 16] = 1.0
+    >>> by = Displacement(torch.tensor([2.0, 0.0]), torch.tensor(1e-3), Readout(65, 62.5e-6, 1e-3))
+    >>> seen = rolled(bar, by, "replicate")[0, 0]
+    >>> [int(seen[row].argmax()) for row in (0, 32, 64)]  # 2000 px/s lean by 4 px each way in 2 ms
+    [12, 16, 20]
     """
     from scipy.fft import next_fast_len
 
@@ -74,6 +90,7 @@ def rolled(light: Tensor, moves: Displacement, border: Border) -> Tensor:
     across, down = ((velocity.detach() * row_s).abs() * (height - 1) / 2 + moved.detach().abs() / 2).tolist()
     places, shift_px = -velocity[1] * tau, velocity[0] * tau
     on_numpy = plain(light, moved, moves.exposure_s)
+    # Motion along rows keeps each row to itself: blur and displacement are one product in one transform of rows.
     if on_numpy and down <= STILL_PX:
         return shifted_rows(light, shift_px, border, float(moved[0]))
     if on_numpy and across <= STILL_PX and float(moved[1].abs()) <= _LONGEST_TAPS_PX:
@@ -115,12 +132,15 @@ def _at_once(
         seen = np.empty((height, wide + 2), kind)
         continued(sources[place], plane, before, border)
         cv2.dft(_closed(plane), waves[:, 1:-1], cv2.DFT_ROWS)
+        # From OpenCV's packing to complex numbers in place, with no copy of the plane.
         waves[:, 0] = waves[:, 1]
         waves[:, [1, -1]] = 0
+        # Down the columns of the rows' spectra: a transform over both axes, stopped half-way.
         spectra = fft(waves.view(wave), axis=0, overwrite_x=True)
         spectra *= response
         spectra = ifft(spectra, axis=0, overwrite_x=True).view(kind)
         for rows, needed, band in bands:
+            # A row of the picture is a mean of twelve rows of the blurred one, and so are their spectra.
             np.matmul(band, spectra[needed], out=seen[rows])
         moved = seen.view(wave)
         np.multiply(moved, phases, out=moved)
@@ -139,6 +159,11 @@ def shifted_rows(
 
     along_px: of an exposure in which all move, blurred by it in the same transform; of light on the CPU, without
     gradients. wraps: rows are continued and closed already, of a length that transforms like.
+
+    >>> bars = torch.zeros(1, 1, 2, 8)
+    >>> bars[..., 2] = 1.0
+    >>> shifted_rows(bars, torch.tensor([0.0, 3.0], dtype=torch.float64), "constant")[0, 0].argmax(-1).tolist()
+    [2, 5]
     """
     far = math.ceil(float(shift_px.detach().abs().max()) + abs(along_px) / 2)
     margin = 0 if wraps else _MARGIN_PX + far
@@ -154,7 +179,13 @@ def shifted_rows(
 
 def times(light: Tensor, factors: Tensor | NDArray[Any], margin: int, length: int, border: Border) -> Tensor:
     """Rows (H) times factors of a row of ``length`` L, ``margin`` before the picture: complex (H, L / 2 + 1), or
-    (H, L) as OpenCV packs them, divided by L."""
+    (H, L) as OpenCV packs them, divided by L.
+
+    >>> rows = torch.rand(1, 1, 2, 8, generator=torch.Generator().manual_seed(0))
+    >>> twice = torch.full((2, 65), 2.0)  # a factor of 2 at every frequency of rows of 128 px
+    >>> bool((times(rows, twice, 24, 128, "reflect") - 2 * rows).abs().max() < 1e-5)
+    True
+    """
     height, width = light.shape[-2:]
     if isinstance(factors, Tensor):
         kind = torch.complex64 if light.dtype == torch.float32 else torch.complex128
@@ -205,7 +236,11 @@ def _phases(shift_px: tuple[float, ...], length: int, kind: np.dtype[Any], along
 
 
 def packed_factors(factors: NDArray[Any], length: int, kind: np.dtype[Any]) -> NDArray[Any]:
-    """Rows of factors at the frequencies of ``rfft``, as OpenCV packs them, divided by the length; that is even."""
+    """Rows of factors at the frequencies of ``rfft``, as OpenCV packs them, divided by the length; that is even.
+
+    >>> packed_factors(np.array([[1 + 0j, 2 + 3j, 4 + 0j]]), 4, np.dtype(np.float64)).tolist()
+    [[0.25, 0.5, 0.75, 1.0]]
+    """
     parts = np.ascontiguousarray(factors).view(factors.real.dtype)  # real, imaginary, real, ...
     packed = np.empty((len(factors), length), kind)
     packed[:, 0] = parts[:, 0]
@@ -241,6 +276,7 @@ def _window_taps(time: Floats, y_px: Floats, windows_s: tuple[Floats, Floats]) -
     longest = float((np.interp(stops, time, gone) - np.interp(starts, time, gone)).max())
     count = max(_LEAST_SAMPLES, math.ceil(_SAMPLES_PER_PX * min(longest, _LONGEST_PX)))
     at = starts[:, None] + (stops - starts)[:, None] * (np.arange(count) + 0.5) / count
+    # In whole steps of 1/4096 px, whose taps are in a table: rounding moves a row by 1e-4 px at most.
     seen = np.rint(-_PHASES * np.interp(at, time, y_px)).astype(np.int64)  # at row i is what was at i + seen
     whole, phase = np.divmod(seen, _PHASES)
     first = whole.min(1)
@@ -259,7 +295,13 @@ def _tap_table() -> Floats:
 
 
 def mixed(light: Tensor, first: Tensor, weights: Tensor, border: Border) -> Tensor:
-    """Row i, as many as first: the sum over k of weights[i, k] times row i + first[i] + k."""
+    """Row i, as many as first: the sum over k of weights[i, k] times row i + first[i] + k.
+
+    >>> rows = torch.tensor([[[[0.0], [10.0], [20.0]]]])
+    >>> first, weights = torch.tensor([0, 0]), torch.tensor([[0.5, 0.5], [0.5, 0.5]], dtype=torch.float64)
+    >>> mixed(rows, first, weights, "replicate").flatten().tolist()  # the means of rows 0 and 1, 1 and 2
+    [5.0, 15.0]
+    """
     (height, width), (count, taps) = light.shape[-2:], weights.shape
     begins = torch.arange(count, device=first.device) + first
     before, after = max(0, -int(begins.min())), max(0, int(begins.max()) + taps - height)
@@ -326,6 +368,10 @@ def row_responses(
     """(H, n): at frequencies f (n,), cycles/px, of the path x_px (K,) seen in each row's window; exact.
 
     The integral of exp(-2 pi i f x) up to any time, by segments, at a window's end less that at its start.
+
+    >>> time, x_px, window = np.array([0.0, 1.0]), np.array([-2.0, 2.0]), (np.array([0.0]), np.array([1.0]))
+    >>> abs(row_responses(np.array([0.0, 0.25]), time, x_px, window)).round(6).tolist()  # of 4 px
+    [[1.0, 0.0]]
     """
     starts, stops = windows_s
     if not (stops > starts).any():
@@ -342,6 +388,7 @@ def row_responses(
         knot = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
         return np.asarray(whole[knot] + segment(x_px[knot], np.interp(at, time, x_px), at - time[knot]))
 
+    # Rows whose exposure has no length are seen at once; the tiny number only avoids 0 / 0.
     lasting = np.maximum(stops - starts, 1e-300)
     return (until(stops) - until(starts)) / lasting[:, None]
 
@@ -351,6 +398,11 @@ def translated(light: Tensor, shift_px: Tensor | Iterable[float], border: Border
 
     Whole pixels are copied; the rest is a phase, exact for what the samples hold: beside a step that they do not
     resolve it rings. Differentiable in the light.
+
+    >>> dot = torch.zeros(1, 1, 4, 6)
+    >>> dot[..., 1, 2] = 1.0
+    >>> translated(dot, (2.0, 1.0), "constant").nonzero().tolist()  # row 2, column 4
+    [[0, 0, 2, 4]]
     """
     shifts = convolution.motions("displacement_px", shift_px, light).detach().tolist()
     if all(abs(along) < STILL_PX for shift in shifts for along in shift):

@@ -55,6 +55,10 @@ class MovingPlane(NamedTuple):
 
     channels: (C, h, w); of a layer the light times its matte and the matte, or the matte alone. top, left: of its
     first pixel in the picture. border: how it continues beyond its sides.
+
+    >>> by = Displacement(torch.tensor([3.0, 0.0]), torch.tensor(0.01), Readout(4, 0.0, 0.01))
+    >>> MovingPlane(torch.zeros(3, 4, 6), by, left=10).border  # beyond a layer there is nothing
+    'constant'
     """
 
     channels: Tensor
@@ -79,7 +83,12 @@ def flow_warp(image: Tensor, displacement_px: Tensor, *, border: Border = "refle
 
 
 def flowing(image: Tensor, displacement_px: Tensor, border: Border) -> list[MovingPlane]:
-    """Planes that move by each pixel's displacement. Raises ``TypeError`` or ``ValueError`` naming the argument."""
+    """Planes that move by each pixel's displacement. Raises ``TypeError`` or ``ValueError`` naming the argument.
+
+    >>> zoom = torch.linspace(-3, 3, 7).expand(2, 7, 7)
+    >>> [plane.moves.flows for plane in flowing(torch.zeros(2, 1, 7, 7), zoom, "reflect")]
+    [True, True]
+    """
     image_batch("image", image)
     moved = flows("displacement_px", displacement_px, image)
     limited_motion("displacement_px", moved)
@@ -92,6 +101,9 @@ def flows(name: str, value: object, image: Tensor) -> Tensor:
     """Vectors for each pixel of ``image`` (B, C, H, W), as (B, 2, H, W) in its dtype and on its device.
 
     value: (2, H, W) or (B, 2, H, W). Raises ``TypeError`` or ``ValueError`` naming it.
+
+    >>> flows("velocity_px_s", torch.zeros(2, 3, 4), torch.zeros(5, 1, 3, 4)).shape
+    torch.Size([5, 2, 3, 4])
     """
     tensor = finite(name, real_tensor(name, value).to(image))
     batch, _, height, width = image.shape
@@ -102,7 +114,14 @@ def flows(name: str, value: object, image: Tensor) -> Tensor:
 
 
 def exposed(plane: MovingPlane, window: Window | None = None) -> Tensor:
-    """Mean (C, h, w) of a plane, whole or in a window; rows that are exposed longer are no brighter."""
+    """Mean (C, h, w) of a plane, whole or in a window; rows that are exposed longer are no brighter.
+
+    >>> edge = (torch.arange(64.0) >= 32).expand(1, 8, 64).float()
+    >>> flow = torch.tensor([8.0, 0.0])[:, None, None].expand(2, 8, 64)  # the same 8 px everywhere
+    >>> seen = exposed(MovingPlane(edge, Displacement(flow, torch.tensor(0.01), Readout(8, 0.0, 0.01))))
+    >>> [round(float(seen[0, 4, x]), 1) for x in (24, 30, 34, 40)]
+    [0.0, 0.3, 0.8, 1.0]
+    """
     moves, window = plane.moves, window or Window(0, 0, *plane.channels.shape[-2:])
     fine = moves.path is not None or moves.readout.row_s != 0
     bands = _bands([moves], window, _FINE_PX if fine else SPACING_PX)
@@ -114,6 +133,13 @@ def exposed_together(planes: Sequence[MovingPlane], window: Window) -> tuple[Ten
 
     light: (C, h, w), the mean picture without the background. uncovered: (1, h, w), the mean share of the background
     that no layer covers. The background is blurred more accurately elsewhere, and added by its share.
+
+    >>> still = Displacement(torch.zeros(2), torch.tensor(0.01), Readout(4, 0.0, 0.01))
+    >>> behind = MovingPlane(torch.full((1, 4, 6), 0.4), still, border="replicate")
+    >>> half = MovingPlane(torch.full((2, 4, 6), 0.5), still)  # light 0.5, matte 0.5
+    >>> light, uncovered = exposed_together([behind, half], Window(1, 1, 1, 1))
+    >>> round(float(light), 3), round(float(uncovered), 3)
+    (0.5, 0.5)
     """
     every = [plane.moves for plane in planes]
     fine = any(moves.each_row_differs for moves in every)
@@ -198,6 +224,7 @@ def _by_opencv(plane: MovingPlane, window: Window, factor: int, *, covers: bool)
         bottom = min(height, math.ceil(window.top - plane.top + window.height - low[1]) + 3)
         top, bottom = (top, bottom) if top < bottom else (0, height)
     wide = _with_margin(plane.channels.detach(), plane.border).numpy()[:, top : bottom + 2 * _MARGIN]
+    # cv2.remap is vectorised for four channels; three take three times as long.
     size = factor * height, factor * width, count if count == 1 else max(4, count)
     values = np.empty(size, np.float32)
     _finer(wide, values[factor * top : factor * bottom], factor, _lossy(plane, window, factor))
@@ -260,6 +287,7 @@ def _times(length_px: float, spacing_px: float) -> list[float]:
     if length_px <= STILL_PX:
         return [0.0]
     count = 1 + max(1, math.ceil(length_px / spacing_px - 1e-6))
+    # Even times k / count have the variance (1 - 1/count^2) / 12 of their span: too little, hence wider.
     spread = 1 / math.sqrt(count * count - 1)
     return [(place + 0.5 - count / 2) * spread for place in range(count)]
 

@@ -26,6 +26,11 @@ class Camera:
     Its figures have one flat set of names, in files, in :meth:`with_figures` and in messages: those of the three
     records' fields. sources: name of a figure in files -> where it comes from. Raises ``ValueError`` or
     ``TypeError`` naming the figure.
+
+    >>> from blurnoise import Camera
+    >>> camera = Camera.preset("imx250")
+    >>> camera.sensor.pixel_pitch_um, camera.sensor.full_well_e, camera.lens.f_number  # um, electrons
+    (3.45, 10715.0, 1.4)
     """
 
     name: Text
@@ -57,6 +62,7 @@ class Camera:
     @property
     def optics(self) -> Optics:
         """The lens's blur that acts through its transfer function."""
+        # Lenses have lengths on the sensor, transfer functions are per pixel: the pitch is between them.
         lens, pitch_um = self.lens, self.sensor.pixel_pitch_um
         return Optics(
             defocus_radius_px=0.0 if lens.defocus_counts_pixel else lens.defocus_radius_px,
@@ -92,6 +98,8 @@ class Camera:
     def with_figures(self, **figures: Any) -> Camera:
         """The camera with other figures, by the names of the records' fields; ``name`` and ``sources``, too.
 
+        A measured ``t_number`` follows the f-number, see :meth:`Lens.changed`.
+
         >>> from blurnoise import Camera
         >>> faster = Camera.preset("imx250").with_figures(f_number=1.4, read_noise_e=1.0)
         >>> faster.lens.f_number, faster.sensor.read_noise_e
@@ -102,7 +110,11 @@ class Camera:
             if name not in ("name", "sources"):
                 known("figure", name, RECORD_OF)
             parts.setdefault(RECORD_OF.get(name, ""), {})[name] = value
-        records = {record: replace(getattr(self, record), **own) for record, own in parts.items() if record}
+        records: dict[str, Any] = {
+            record: self.lens.changed(**own) if record == "lens" else replace(getattr(self, record), **own)
+            for record, own in parts.items()
+            if record
+        }
         return replace(self, **records, **parts[""])
 
     def at_gain(self, gain_db: float) -> Amplified:
@@ -168,7 +180,11 @@ class Camera:
 
 
 class Amplified(NamedTuple):
-    """A camera with its figures at an analogue gain, and the remaining digital gain, dB."""
+    """A camera with its figures at an analogue gain, and the remaining digital gain, dB.
+
+    >>> Camera.preset("imx250").at_gain(12.0).digital_db  # all of it before the converter
+    0.0
+    """
 
     camera: Camera
     digital_db: float

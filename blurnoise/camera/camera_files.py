@@ -63,13 +63,25 @@ _NO_FIGURES = ("name", "captures", "defocus_counts_pixel", "white_balance", "dem
 
 
 def preset(name: str) -> Any:
-    """The file of a preset."""
+    """The file of a preset.
+
+    >>> preset("imx250")["pixel_pitch_um"]
+    3.45
+    """
     path = Path(__file__).parent / "data" / "cameras" / f"{name}.yaml"
     return yaml.load(path.read_bytes(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
 def read(path: Path) -> Any:
-    """Read a camera file; a camera without ``name`` is named after the file. Raises ``ValueError`` or ``OSError``."""
+    """Read a camera file; a camera without ``name`` is named after the file. Raises ``ValueError`` or ``OSError``.
+
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "mine.yaml"
+    >>> written = file.write_text("{base: imx250, f_number: 2.8}")
+    >>> read(file)
+    {'name': 'mine', 'base': 'imx250', 'f_number': 2.8}
+    """
+    # The suffix is checked first: a wrong one should be the message even where the file is missing.
     kind = _kind(path)
     try:
         values = read_document(path)
@@ -82,6 +94,12 @@ def completed(given: object, presets: Mapping[str, Any], source: str, folder: Pa
     """The fields of a camera from ``given`` and its base preset, each figure with a source.
 
     source: of figures without one. folder: where the paths of tables start. Raises ``TypeError`` or ``ValueError``.
+
+    >>> from blurnoise import Camera
+    >>> presets = {"imx250": Camera.preset("imx250")}
+    >>> values = completed({"name": "mine", "base": "imx250", "f_number": 2.8}, presets, "measured", Path("."))
+    >>> values["lens"].f_number, values["sources"]["f_number"]
+    (2.8, 'measured')
     """
     if not isinstance(given, Mapping):
         raise TypeError(f"camera: must map fields to values, got {type(given).__name__}")
@@ -105,6 +123,7 @@ def completed(given: object, presets: Mapping[str, Any], source: str, folder: Pa
     if isinstance(own := given.get("sources", {}), Mapping):  # Camera refuses anything else
         sources = base["sources"] | {name: source for name in figures if name in given} | dict(own)
         own, curves = sources["quantum_efficiency"], given.get("quantum_efficiency")
+        # Beyond its ends a curve counts as 0: readers of the source should know what that may cost.
         mark = marked(values["quantum_efficiency"]) if isinstance(curves, Mapping) else ""
         if mark and isinstance(own, str) and mark not in own:
             sources["quantum_efficiency"] = f"{own}; marked: {mark}"
@@ -117,14 +136,26 @@ def completed(given: object, presets: Mapping[str, Any], source: str, folder: Pa
 
 
 def flat(camera: Any) -> dict[str, Any]:
-    """The camera's values by their keys in files."""
+    """The camera's values by their keys in files.
+
+    >>> from blurnoise import Camera
+    >>> flat(Camera.preset("imx250"))["pixel_pitch_um"]
+    3.45
+    """
     lens = {name: getattr(camera.lens, name) for name in OVER_THE_FIELD}
     named = {"name": camera.name, "lens": lens, "sources": camera.sources}
     return {key: named[key] if key in named else camera.figure(key) for key in KEYS}
 
 
 def write(path: Path, values: Mapping[str, object]) -> None:
-    """Write a camera file, whole or not at all. Raises ``ValueError`` for another suffix, ``OSError``."""
+    """Write a camera file, whole or not at all. Raises ``ValueError`` for another suffix, ``OSError``.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "mine.json"
+    >>> write(path, {"name": "mine"})
+    >>> path.read_text()
+    '{\\n "name": "mine"\\n}\\n'
+    """
     if _kind(path) == "JSON":
         text = json.dumps(values, indent=1, ensure_ascii=False) + "\n"
     else:
@@ -133,12 +164,20 @@ def write(path: Path, values: Mapping[str, object]) -> None:
 
 
 def within(where: str, error: Exception) -> Exception:
-    """The same error with ``where`` before its message."""
+    """The same error with ``where`` before its message.
+
+    >>> within("camera.yaml", ValueError("f_number = -1: must be at least 0.5"))
+    ValueError('camera.yaml: f_number = -1: must be at least 0.5')
+    """
     return (TypeError if isinstance(error, TypeError) else ValueError)(f"{where}: {error}")
 
 
 def plain(value: Any) -> Any:
-    """A camera, or a part of it, as plain JSON values that :func:`completed` reads."""
+    """A camera, or a part of it, as plain JSON values that :func:`completed` reads.
+
+    >>> plain(Lens(f_number=2.8, transmission=0.9))["f_number"], plain((1.0, 2.0))
+    (2.8, [1.0, 2.0])
+    """
     if isinstance(value, FilterCurves):
         return {name: plain(curve) for name, curve in value.items()}
     if is_dataclass(value):
@@ -157,7 +196,7 @@ def _over_the_field(given: object, folder: Path) -> dict[str, Any]:
             known("figure", name, OVER_THE_FIELD)
         values = {name: _value(Lens, name, value, folder) for name, value in given.items()}
         # Checked before the flat figures are there, so that messages name ``lens``.
-        alone = Lens(f_number=1.0, transmission=1.0, **values)
+        alone = Lens(f_number=0.5, transmission=1.0, **values)
     except (TypeError, ValueError, csv.Error) as error:
         raise within("lens", error) from None
     return {name: getattr(alone, name) for name in OVER_THE_FIELD}

@@ -70,14 +70,24 @@ class FilterCurves:
 
 
 def marked(curves: Spectrum | FilterCurves) -> str:
-    """Note on curves that are cut short (:func:`.spectra.cut_short`), with the filter's name; "" if none is."""
+    """Note on curves that are cut short (:func:`.spectra.cut_short`), with the filter's name; "" if none is.
+
+    >>> marked(FilterCurves(red=Curve((470.0, 700.0), (0.5, 0.1))))
+    'red begins at 470 nm with 100% of its peak, counted as 0 beyond, +33.5% of white if held'
+    """
     each = curves.items() if isinstance(curves, FilterCurves) else [("", curves)]
     marks = [(name, cut_short(curve)) for name, curve in each if isinstance(curve, Curve)]
     return "; ".join(f"{name} {mark}".strip() for name, mark in marks if mark)
 
 
 def check_filters(cfa: str, curves: Spectrum | FilterCurves) -> None:
-    """Raise ``TypeError`` or ``ValueError`` unless each filter of the mosaic has a quantum efficiency."""
+    """Raise ``TypeError`` or ``ValueError`` unless each filter of the mosaic has a quantum efficiency.
+
+    >>> check_filters("RGGB", FilterCurves(red=0.3, green=0.5))
+    Traceback (most recent call last):
+        ...
+    ValueError: quantum_efficiency: cfa = 'RGGB' needs red, green, blue of its own; missing blue
+    """
     curve_of = dict(curves.items()) if isinstance(curves, FilterCurves) else {}
     if not isinstance(curves, FilterCurves):
         check_shares("quantum_efficiency", curves)
@@ -90,7 +100,13 @@ def check_filters(cfa: str, curves: Spectrum | FilterCurves) -> None:
 
 
 def check_balance(cfa: str, white_balance: WhiteBalance, ccm: Matrix | None) -> None:
-    """Raise ``ValueError`` where the mosaic has no colours to balance or to correct, or the matrix is unusable."""
+    """Raise ``ValueError`` where the mosaic has no colours to balance or to correct, or the matrix is unusable.
+
+    >>> check_balance("mono", (2.0, 1.0, 1.5), None)
+    Traceback (most recent call last):
+        ...
+    ValueError: white_balance: cfa = 'mono' has no colours to balance; must be 'auto'
+    """
     if white_balance != "auto" and cfa in PLANES:
         raise ValueError(f"white_balance: cfa = {cfa!r} has no colours to balance; must be 'auto'")
     if ccm is not None:
@@ -127,7 +143,13 @@ def picture_tone(value: object, name: str = "encoding") -> PictureTone:
 
 
 def check_points(name: str, points: Points) -> None:
-    """Raise ``ValueError`` unless the points (light, value) are a tone curve."""
+    """Raise ``ValueError`` unless the points (light, value) are a tone curve.
+
+    >>> check_points("tone", ((0.0, 0.0), (1.0, 0.7), (1.0, 1.0)))
+    Traceback (most recent call last):
+        ...
+    ValueError: tone = (...): light must increase from 0 to 1, values lie in [0, 1] and never fall
+    """
     light, values = np.array(points, float).reshape(-1, 2).T
     if len(light) < 2:
         raise ValueError(f"{name} = {shown(points)}: must be at least two points")
@@ -139,18 +161,31 @@ def check_points(name: str, points: Points) -> None:
 
 @lru_cache(maxsize=64)
 def normalised(matrix: Matrix | None) -> Matrix:
-    """The matrix with rows that sum to 1 but for the last digit; None: the identity."""
+    """The matrix with rows that sum to 1 but for the last digit; None: the identity.
+
+    >>> matrix = normalised(((1.601, -0.4, -0.2), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    >>> round(matrix[0][0], 4), round(sum(matrix[0]), 12)  # a row that summed to 1.001
+    (1.5994, 1.0)
+    """
     return as_rows(np.eye(3) if matrix is None else [row / row.sum() for row in np.array(matrix)])
 
 
 @lru_cache(maxsize=64)
 def inverse(matrix: Matrix | None) -> Matrix:
-    """Linear sRGB to camera colours."""
+    """Linear sRGB to camera colours.
+
+    >>> inverse(((2.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))[0]  # twice red less green, undone
+    (0.5, 0.5, 0.0)
+    """
     return as_rows(np.linalg.inv(np.array(normalised(matrix))))
 
 
 def as_rows(rows: Iterable[Floats]) -> Matrix:
-    """Plain numbers of NumPy's rows: hashable."""
+    """Plain numbers of NumPy's rows: hashable.
+
+    >>> as_rows(np.eye(3)[:2])
+    ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    """
     return cast(Matrix, tuple(tuple(row.tolist()) for row in rows))
 
 

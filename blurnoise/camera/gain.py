@@ -23,6 +23,10 @@ class ConversionGain:
 
     from_db: the gain at which it switches. full_well_e: its well from there on. read_noise_e: rms at ``from_db``;
     read_noise_post_share: of its variance, what arises behind the amplifier. Raises ``TypeError`` or ``ValueError``.
+
+    >>> quieter = ConversionGain(from_db=12.0, full_well_e=2500.0, read_noise_e=1.2)  # of a smaller capacitance
+    >>> round(by_law(MeasuredGain(0.0, 0.4, 2.4, 6.0), quieter, 12.0).read_noise_e, 2)
+    1.2
     """
 
     from_db: Annotated[Figure, within(GAIN_DB)]
@@ -40,6 +44,10 @@ class MeasuredGain:
 
     gain_db: above 0 dB, where the sensor's own figures hold. system_gain_dn_per_e: K there. read_noise_e: rms,
     referred to the input. black_level_dn: offset before rounding. Raises ``TypeError`` or ``ValueError``.
+
+    >>> at_12_db = MeasuredGain(12.0, system_gain_dn_per_e=1.6, read_noise_e=2.0, black_level_dn=8.0)
+    >>> measured(MeasuredGain(0.0, 0.4, 2.4, 6.0), [at_12_db], 12.0) == at_12_db
+    True
     """
 
     gain_db: Annotated[Figure, within(GAIN_DB)]
@@ -57,7 +65,12 @@ def fault(
     conversion_gains: Sequence[ConversionGain],
     last_db: float,
 ) -> str:
-    """The first fault in a sensor's gains up to ``last_db``, "" if none. at_0_db: the sensor's figures there."""
+    """The first fault in a sensor's gains up to ``last_db``, "" if none. at_0_db: the sensor's figures there.
+
+    >>> at_0_db, at_12_db = MeasuredGain(0.0, 0.4, 2.4, 6.0), MeasuredGain(12.0, 1.6, 2.0, 8.0)
+    >>> fault(at_0_db, [at_12_db], [], last_db=6.0)
+    'gains: gain_db are [12.0]; must increase, up to analogue_gain_max_db, 6'
+    """
     starts, gains_db = [row.from_db for row in conversion_gains], [row.gain_db for row in gains]
     if sorted({*starts}) != starts or any(not 0 < start <= last_db for start in starts):
         must = f"must increase, above 0 and up to analogue_gain_max_db, {last_db:g}"
@@ -94,6 +107,7 @@ def measured(at_0_db: MeasuredGain, gains: Sequence[MeasuredGain], gain_db: floa
                 low.read_noise_e ** (1 - over) * high.read_noise_e**over,
                 low.black_level_dn + over * (high.black_level_dn - low.black_level_dn),
             )
+    # Nothing was measured beyond: K follows the amplifier's law, and what else there is stays.
     factor = 10 ** ((gain_db - rows[-1].gain_db) / 20)
     return replace(rows[-1], gain_db=gain_db, system_gain_dn_per_e=rows[-1].system_gain_dn_per_e * factor)
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -22,11 +22,14 @@ from blurnoise.camera.spectra import Floats, check_samples
 from blurnoise.camera.transfer import Mtf
 
 _COUNTS = {"opencv": (4, 5, 8), "fisheye": (4,)}
+# Field angles at which the radial part is tabulated, for the start of its inverse.
 _KNOTS = 1 << 14
 _STEEPEST_RAD = np.pi / 2 - 1e-3  # a picture of a pinhole camera holds no more
+# Of a central difference: its own error, a sixth of the square, and rounding's, 1e-16 / 1e-5, are alike, 1e-11.
 _STEP = 1e-5
 _FIGURES = "must map figures to values"
 _Share = Annotated[Figure, Ge(0), Le(1)]
+_SCATTERED = Limit(0.0, 0.5)  # of the light: beyond, the veil is the picture
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,10 @@ class RelativeIllumination:
     """Light over the field, 0 to 1 of the brightest, at field heights, linear between, held beyond them.
 
     heights: increasing; unit: "relative", 1 at the sensor's corner, or "mm" on the sensor.
+
+    >>> measured = RelativeIllumination((0.0, 2.0, 4.0), (1.0, 0.9, 0.6), "mm")
+    >>> measured.values[-1]  # 4 mm from the centre
+    0.6
     """
 
     heights: tuple[float, ...]
@@ -101,6 +108,7 @@ class Distortion:
         r, reached = _branch(self)
         slack = 0.0
         if self.model == "opencv":
+            # Tangential distortion moves the fold a little, by at most 3 p r^2.
             slack = 3 * (abs(self.coefficients[2]) + abs(self.coefficients[3])) * min(float(r[-1]), 10.0) ** 2
         if float(wanted.max(initial=0.0)) > reached[-1] + slack:
             ends = f"{reached[-1]:.4g} focal lengths from the centre, where it folds or ends"
@@ -110,6 +118,7 @@ class Distortion:
             off_x, off_y = image - self.distorted(found)
             (ux, uy), (vx, vy) = self._slopes(found, _STEP, 0.0), self._slopes(found, 0.0, _STEP)
             area = ux * vy - vx * uy
+            # Where the slope vanishes, at the fold, Newton's step would lead away: none is made.
             area = np.where(np.abs(area) > 1e-9, area, np.inf)
             found = found + np.stack([off_x * vy - off_y * vx, off_y * ux - off_x * uy]) / area
         miss = float(np.hypot(*(self.distorted(found) - image)).max(initial=0.0))
@@ -139,6 +148,7 @@ class Distortion:
 @lru_cache(maxsize=16)
 def _branch(lens: Distortion) -> tuple[Floats, Floats]:
     """Radii from 0 to the fold, where the radial part stops growing, and their images."""
+    # Even in angle, not in radius: a tangent's steps would crowd the far field or starve the axis.
     angle = np.linspace(0.0, _STEEPEST_RAD, _KNOTS)
     r = np.tan(angle)
     with np.errstate(all="ignore"):
@@ -193,6 +203,12 @@ class Lens:
     """Measured distortion, by a model of OpenCV."""
     mtf: Annotated[Mtf | None, _FIGURES] = None
     """Measured transfer function, in place of the disc and diffraction."""
+    veil_share: Annotated[Figure, CameraFigure("Veil", "", _SCATTERED, span=(0.0, 0.1))] = 0.0
+    """Share of the light that is scattered over the whole picture, see :mod:`blurnoise.light.veil`."""
+    halo_share: Annotated[Figure, CameraFigure("Halos", "", _SCATTERED, span=(0.0, 0.2))] = 0.0
+    """Share of the light that is scattered around its place, with 1 / r^2 from 4 to 256 px of the sensor."""
+    t_number: Annotated[Figure, CameraFigure("T-number", "", Limit(0.0, 1e6))] = 0.0
+    """Measured f_number / sqrt(transmission), which sets the light in place of both; 0: none."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -206,6 +222,12 @@ class Lens:
             fault = f"lens.mtf: is measured with defocus and diffraction, at its own f-number; {must}"
         elif self.field_curvature_px and self.defocus_counts_pixel:
             fault = "lens.field_curvature_px: must be 0 where defocus_counts_pixel is true"
+        elif self.veil_share + self.halo_share > _SCATTERED.high:
+            total = f"{self.veil_share + self.halo_share:g}"
+            fault = f"veil_share + halo_share = {total}: must be at most {_SCATTERED.high:g}"
+        elif self.t_number and self.t_number < self.f_number:
+            must = f"must be 0 or at least f_number = {self.f_number:g}, as no lens passes more light than it gets"
+            fault = f"t_number = {self.t_number:g}: {must}"
         elif self.hfov_deg >= 180 and pinhole:
             must = "must be < 180 for the field angles of lens.falloff_power and lens.distortion"
             fault = f"hfov_deg = {self.hfov_deg:g}: {must}, or lens.distortion states its focal_px"
@@ -216,6 +238,19 @@ class Lens:
     def displaces(self) -> bool:
         """Whether it displaces objects in the picture; lateral colour does not count."""
         return self.distortion is not None and self.distortion.displaces
+
+    def changed(self, **figures: Any) -> Lens:
+        """The lens with other figures. Its t_number scales with f_number; another transmission takes its place.
+
+        >>> Lens(f_number=2.0, transmission=0.9, t_number=2.2).changed(f_number=4.0).t_number
+        4.4
+        """
+        if not self.t_number or "t_number" in figures:
+            return replace(self, **figures)
+        lens = replace(self, t_number=0.0, **figures)
+        if "transmission" in figures:
+            return lens
+        return replace(lens, t_number=self.t_number * lens.f_number / self.f_number)
 
 
 Size = tuple[int, int]  # of a picture, (H, W)
@@ -338,7 +373,12 @@ def farthest_px(field: Field) -> float:
 
 @lru_cache(maxsize=8)
 def light(field: Field, size: Size) -> Floats:
-    """Relative illumination (H, W) of a picture: the cosine's power, or the measured curve."""
+    """Relative illumination (H, W) of a picture: the cosine's power, or the measured curve.
+
+    >>> of_picture = light(Field(640, 480, 90.0, falloff_power=4.0), (480, 640))
+    >>> of_picture[240, [320, 639]].round(2).tolist()  # cos^4 of 0 and of 45 degrees
+    [1.0, 0.25]
+    """
     curve = field.relative_illumination
     if curve is not None:
         per_unit = 1.0 if curve.unit == "relative" else 1 / (field.corner_px * field.pixel_pitch_um / 1e3)
@@ -356,19 +396,31 @@ def least_light(field: Field) -> float:
     0.6
     """
     height, width = field.size
+    # Illumination is smooth: 256 samples along the shorter side find its least value.
     step = max(1, min(height, width) // 256)
     return float(light(field, (max(1, height // step), max(1, width // step))).min())
 
 
 @lru_cache(maxsize=2)
 def sources(field: Field, size: Size) -> Floats:
-    """Points (2, H, W) of the pinhole's picture that the pixels show."""
+    """Points (2, H, W) of the pinhole's picture that the pixels show.
+
+    >>> barrel = Distortion("opencv", (-0.2, 0.0, 0.0, 0.0))
+    >>> x, y = sources(Field(640, 480, 60.0, distortion=barrel), (480, 640))
+    >>> round(x[240, 639] - 639)  # the last column shows what a pinhole would have so many px further out
+    27
+    """
     return field.to_pinhole(pixels(size), size)
 
 
 @lru_cache(maxsize=2)
 def inside(field: Field, size: Size) -> Floats | None:
-    """Share (H, W) of each pixel that lies in the pinhole's picture; None if all do entirely."""
+    """Share (H, W) of each pixel that lies in the pinhole's picture; None if all do entirely.
+
+    >>> field = Field(640, 480, 60.0, distortion=Distortion("opencv", (0.2, 0.0, 0.0, 0.0)))
+    >>> inside(field, (480, 640)) is None  # a pincushion enlarges: nothing from beyond the picture is seen
+    True
+    """
     x, y = sources(field, size)
     shares = np.ones(size)
     for positions, length in ((x, size[1]), (y, size[0])):
@@ -378,7 +430,12 @@ def inside(field: Field, size: Size) -> Floats | None:
 
 @lru_cache(maxsize=4)
 def larger(field: Field, share: float, size: Size) -> Floats:
-    """Points (2, H, W) at which a picture is sampled to magnify it by 1 + ``share`` about the optical axis."""
+    """Points (2, H, W) at which a picture is sampled to magnify it by 1 + ``share`` about the optical axis.
+
+    >>> x, y = larger(Field(640, 480, 60.0), 0.01, (101, 101))
+    >>> x[50, [50, 100]].round(2).tolist()  # the axis stays; 50 px from it, 50 / 1.01
+    [50.0, 99.5]
+    """
     points = pixels(size)
     axis = field._axis_px(points, size)
     return np.asarray(axis + (points - axis) / (1 + share))

@@ -2,15 +2,16 @@
 
 Wavelengths in nm, curves piecewise linear between their samples and zero outside them. Data: the CIE 1924
 photopic curve V (1 nm) and the D-series components S0, S1, S2 (10 nm), both of CIE 15, as CSV tables in
-``data/``. All integrals are sums over a 1 nm grid (trapezoid).
+``data/``; spectra of lamps (5 nm) in ``data/illuminants/``, whose NOTICE.md has sources and licence. All integrals
+are sums over a 1 nm grid (trapezoid).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
@@ -21,12 +22,14 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import check_fields, in_range, limited, shown
 from blurnoise._core.files import read_samples
 
+# Exact by the definitions of the SI, the 683 lm/W at 540 THz included.
 PLANCK_J_S = 6.62607015e-34
 LIGHT_M_S = 299_792_458.0
 BOLTZMANN_J_K = 1.380649e-23
 LUMENS_PER_WATT = 683.0
 VISIBLE_NM = (400.0, 700.0)  # the band that a plain number (a quantum efficiency, a transmission) covers
-_ILLUMINANTS = "must be D50, D55, D65, D75, planck:KELVIN or a Curve"
+INFRARED_NM = (700.0, 1000.0)
+"""Where silicon sees and the band of a plain number does not."""
 _OVER = 0.05  # of the peak: a curve that ends above it was cut short, one that ends below has faded
 
 Floats = NDArray[np.float64]
@@ -65,7 +68,13 @@ class Curve:
 
 
 def check_samples(name: str, positions: Sequence[float], values: Sequence[float]) -> None:
-    """Raise ``ValueError`` unless there are two samples or more, at positions from 0 to 1e6 that increase."""
+    """Raise ``ValueError`` unless there are two samples or more, at positions from 0 to 1e6 that increase.
+
+    >>> check_samples("heights", (0.0, 0.5, 0.5), (1.0, 0.9, 0.8))
+    Traceback (most recent call last):
+        ...
+    ValueError: heights = (0.0, 0.5, 0.5): must be >= 0 and increase
+    """
     if len(positions) != len(values) or len(positions) < 2:
         got = f"{len(positions)} and {len(values)}"
         raise ValueError(f"{name}, values: must be as many, at least 2, got {got}")
@@ -78,7 +87,10 @@ Spectrum = float | Curve  # a number holds over the whole integration band
 
 
 def check_shares(name: str, curve: Spectrum) -> None:
-    """Raise ``TypeError`` or ``ValueError`` unless all values lie within [0, 1]."""
+    """Raise ``TypeError`` or ``ValueError`` unless all values lie within [0, 1].
+
+    >>> check_shares("quantum_efficiency", 0.6)  # raises beyond 1
+    """
     for value in curve.values if isinstance(curve, Curve) else (curve,):
         in_range(name, value, 0.0, 1.0)
 
@@ -120,30 +132,64 @@ def daylight(kelvin: float) -> Curve:
     return Curve(s0.wavelengths_nm, tuple(spd / 100.0))
 
 
-def illuminant(name: str | Curve) -> Curve:
-    """An illuminant by name: "D50", "D55", "D65", "D75", or "planck:KELVIN"; a curve is passed through.
+def _d_series(hundreds: int) -> Curve:
+    return daylight(hundreds * 100 * 1.4388 / 1.4380)
 
-    >>> illuminant("planck:2856") == planck(2856.0)
+
+def _lamp(table: str, column: int) -> Curve:
+    return _table(f"illuminants/{table}.csv", column)
+
+
+def _sodium_line() -> Curve:
+    """The one line at 590 nm that NIST's table of a low-pressure sodium lamp has at steps of 5 nm (CQS 7.4)."""
+    return Curve((585.0, 590.0, 595.0), (0.0, 1.0, 0.0))
+
+
+ILLUMINANTS: Mapping[str, Callable[[], Curve]] = {
+    **{f"D{hundreds}": partial(_d_series, hundreds) for hundreds in (50, 55, 65, 75)},
+    "led-2700": partial(_lamp, "cie_led", 1),  # LED-B1, 2733 K
+    "led-3000": partial(_lamp, "cie_led", 2),  # LED-B2, 2998 K
+    "led-4000": partial(_lamp, "cie_led", 3),  # LED-B3, 4103 K
+    "led-5000": partial(_lamp, "cie_led", 4),  # LED-B4, 5109 K
+    "led-6500": partial(_lamp, "cie_led", 5),  # LED-B5, 6598 K
+    "sodium": partial(_lamp, "cie_hp", 1),  # HP1, standard high-pressure sodium
+    "metal-halide": partial(_lamp, "cie_hp", 2),  # HP3
+    "low-pressure-sodium": _sodium_line,
+    "halogen": partial(planck, 3200.0),
+}
+"""The named spectra, by name; each is made or read once it is needed."""
+_BY_KEY = {name.lower(): name for name in ILLUMINANTS}
+_ALLOWED = f"must be {', '.join(ILLUMINANTS)}, planck:KELVIN or a Curve"
+
+
+@lru_cache(maxsize=64)
+def illuminant(name: str | Curve) -> Curve:
+    """An illuminant by name, an entry of ``ILLUMINANTS`` in any case, or "planck:KELVIN"; a curve is passed through.
+
+    Raises ``TypeError``, or ``ValueError`` that lists the names.
+
+    >>> illuminant("planck:3200") == illuminant("Halogen")
     True
     """
-    check_illuminant(name)
-    if isinstance(name, Curve):
-        return name
-    if name.upper() in {"D50", "D55", "D65", "D75"}:
-        return daylight(int(name[1:]) * 100 * 1.4388 / 1.4380)
-    kind, _, kelvin = name.partition(":")
-    if kind.lower() != "planck":
-        raise ValueError(f"illuminant = {shown(name)}: {_ILLUMINANTS}")
+    found = check_illuminant(name)
+    return found if isinstance(found, Curve) else ILLUMINANTS[found]()
+
+
+def check_illuminant(illuminant: object) -> str | Curve:
+    """The name as ``ILLUMINANTS`` has it, or the curve. Raises ``TypeError`` or ``ValueError`` for anything else."""
+    if isinstance(illuminant, Curve):
+        return illuminant
+    if not isinstance(illuminant, str):
+        raise TypeError(f"illuminant = {shown(illuminant)}: {_ALLOWED}")
+    kind, _, kelvin = illuminant.lower().partition(":")
+    if kind in _BY_KEY and not kelvin:
+        return _BY_KEY[kind]
+    if kind != "planck":
+        raise ValueError(f"illuminant = {shown(illuminant)}: {_ALLOWED}")
     try:
         return planck(float(kelvin))
     except ValueError as error:
-        raise ValueError(f"illuminant = {shown(name)}: {error}") from None
-
-
-def check_illuminant(illuminant: object) -> None:
-    """Raise ``TypeError`` for what is neither a name nor a curve."""
-    if not isinstance(illuminant, (str, Curve)):
-        raise TypeError(f"illuminant = {shown(illuminant)}: {_ILLUMINANTS}")
+        raise ValueError(f"illuminant = {shown(illuminant)}: {error}") from None
 
 
 @lru_cache(maxsize=64)
@@ -165,6 +211,17 @@ def photons_per_lux_s_um2(
         raise ValueError(f"illuminant = {source!r}: gives no visible light")
     photons = _integral((lit, *responses), band_nm, power_of_nm=1) * 1e-9 / (PLANCK_J_S * LIGHT_M_S)
     return photons / (LUMENS_PER_WATT * luminous) * 1e-12
+
+
+def infrared_share(source: str | Curve) -> float:
+    """Photons of an illuminant in ``INFRARED_NM``, as a multiple of those in ``VISIBLE_NM``, by its own table.
+
+    >>> round(infrared_share("halogen"), 1), round(infrared_share("led-4000"), 2)
+    (2.9, 0.04)
+    """
+    lit = illuminant(source)
+    seen = _integral((lit,), VISIBLE_NM, power_of_nm=1)
+    return _integral((lit,), INFRARED_NM, power_of_nm=1) / seen if seen > 0 else math.inf
 
 
 @lru_cache(maxsize=64)
@@ -199,6 +256,7 @@ def _integral(factors: Sequence[Spectrum], band_nm: tuple[float, float], power_o
     high = min(band_nm[1], *(curve.wavelengths_nm[-1] for curve in curves))
     if low >= high:
         return 0.0
+    # A grid of its own for each band, so that ends between two whole nm count to the full.
     nm = np.linspace(low, high, math.ceil(high - low) + 1)
     product = nm**power_of_nm
     for factor in factors:

@@ -57,6 +57,7 @@ def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) ->
     snr = torch.where(finite, mean / std, math.nan)
     margin = Z * torch.sqrt(1 / count + snr**2 / (2 * freedom))
     margin = torch.where(torch.isfinite(margin), margin, math.nan)
+    # The trend's terms share out the noise evenly: of count values, order - 1 of them beside the mean.
     tolerated = (
         TREND_SHARE + 5 * (order - 1) / count
     )  # noise alone has a trend of (order - 1)/count on average
@@ -75,6 +76,11 @@ class PatchContrast(NamedTuple):
 
     michelson: (bright - dark)/(bright + dark) of the means. cnr: difference of the means over the root of the mean
     variance, a ratio.
+
+    >>> dark = 100 + torch.randn(100, 100, generator=torch.Generator().manual_seed(0))
+    >>> contrast = patch_contrast(dark + 50, dark)
+    >>> round(float(contrast.michelson.value), 2), round(float(contrast.cnr.value))  # 50 DN above noise of 1 DN
+    (0.2, 50)
     """
 
     michelson: BatchEstimate

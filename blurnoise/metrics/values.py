@@ -49,7 +49,13 @@ class Estimate:
 
 @dataclass(frozen=True)
 class BatchEstimate:
-    """A number per item of a batch, its interval and its flags by name, as tensors of one shape."""
+    """A number per item of a batch, its interval and its flags by name, as tensors of one shape.
+
+    >>> from blurnoise.metrics.patches import patch_snr
+    >>> estimate = patch_snr(torch.full((2, 8, 8), 200.0))
+    >>> estimate.value.tolist(), estimate.flags["noiseless"].tolist()
+    ([inf, inf], [True, True])
+    """
 
     value: Tensor
     low: Tensor
@@ -62,6 +68,9 @@ def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
 
     Raises ``TypeError`` unless it is a tensor of real numbers, ``ValueError`` if it is empty or has fewer than
     ``dims`` dimensions.
+
+    >>> real("patch", torch.tensor([[1, 2]], dtype=torch.uint8)).dtype
+    torch.float64
     """
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor, got {type(value).__name__}")
@@ -74,7 +83,11 @@ def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
 
 
 def beside(name: str, value: float | Tensor, like: Tensor, *, low: float = -math.inf) -> Tensor:
-    """``value`` as float64 on ``like``'s device. Raises ``ValueError`` below ``low`` and for shapes that clash."""
+    """``value`` as float64 on ``like``'s device. Raises ``ValueError`` below ``low`` and for shapes that clash.
+
+    >>> beside("noise_variance", 4, like=torch.zeros(3), low=0)
+    tensor(4., dtype=torch.float64)
+    """
     tensor = checks.real_tensor(name, value).to(like.device, torch.float64)
     try:
         torch.broadcast_shapes(tensor.shape, like.shape)  # type: ignore[no-untyped-call]
@@ -101,7 +114,11 @@ def cut(image: Tensor, roi: Roi) -> Tensor:
 
 
 class Regions(NamedTuple):
-    """values: (B, H, W) luminance above black. colours: (B, C, H, W), as read. clipped, finite: (B,) bool."""
+    """values: (B, H, W) luminance above black. colours: (B, C, H, W), as read. clipped, finite: (B,) bool.
+
+    >>> read_regions(torch.rand(8, 8), full_scale=None, black_level=0.0, roi=None).finite
+    tensor([True])
+    """
 
     values: Tensor
     colours: Tensor
@@ -113,6 +130,11 @@ def read_regions(image: Tensor, *, full_scale: float | None, black_level: float,
     """A region of each picture of ``image``, as :func:`blurnoise.metrics.slanted_edge` takes them.
 
     A pixel counts as clipped at ``full_scale``, at 0, or at the minimum of a picture with values below 0.
+
+    >>> grey = torch.full((3, 8, 8), 130, dtype=torch.uint8)
+    >>> regions = read_regions(grey, full_scale=None, black_level=10.0, roi=None)
+    >>> float(regions.values[0, 0, 0]), bool(regions.clipped)  # luminance above black
+    (120.0, False)
     """
     if not isinstance(image, Tensor) or image.dtype not in _FULL_SCALE:
         got = image.dtype if isinstance(image, Tensor) else type(image).__name__

@@ -42,6 +42,10 @@ class Polyline:
     """The part of a trajectory within an exposure: knots, px from the reference position, and shares of time.
 
     knots_px: the knots (2, K) with their gradients, where they have some.
+
+    >>> there_and_back = Polyline(x_px=(-2.0, 2.0, -2.0), y_px=(0.0, 0.0, 0.0), shares=(0.5, 0.5))
+    >>> there_and_back.box
+    (-2.0, 0.0, 2.0, 0.0)
     """
 
     x_px: tuple[float, ...]
@@ -193,7 +197,12 @@ def _seen(trajectory: Trajectory, exposure_s: float, velocity_px_s: tuple[float,
 
 
 def simplified(time: Floats, knots: Floats, tolerance_px: float) -> list[int]:
-    """Indices of the knots (2, K) at times (K,) to keep, for an error of at most ``tolerance_px`` at any time."""
+    """Indices of the knots (2, K) at times (K,) to keep, for an error of at most ``tolerance_px`` at any time.
+
+    >>> time, knots = np.array([0.0, 1.0, 2.0, 3.0]), np.array([[0.0, 1.0, 2.0, 2.0], [0.0, 0.0, 0.0, 0.0]])
+    >>> simplified(time, knots, 0.02)  # the second knot lies on the way; at the third the motion ends
+    [0, 2, 3]
+    """
     # After Douglas and Peucker, but with places at equal times compared: speed counts, not shape alone.
     kept = {*range(0, len(time), _SPAN), len(time) - 1}
     spans = list(pairwise(sorted(kept)))
@@ -213,7 +222,11 @@ def simplified(time: Floats, knots: Floats, tolerance_px: float) -> list[int]:
 
 
 def sums(steps: Floats) -> Floats:
-    """0, and the sum of the first step, the first two, ..., along the last axis."""
+    """0, and the sum of the first step, the first two, ..., along the last axis.
+
+    >>> sums(np.array([1.0, 2.0, 3.0])).tolist()
+    [0.0, 1.0, 3.0, 6.0]
+    """
     return np.concatenate([np.zeros((*steps.shape[:-1], 1)), np.cumsum(steps, -1)], -1)
 
 
@@ -228,7 +241,12 @@ def _mean(knots: Floats, durations: Floats) -> tuple[float, float]:
 def per_picture(
     trajectory: Trajectory | Sequence[Trajectory | None] | None, batch: int
 ) -> tuple[Trajectory | None, ...]:
-    """A trajectory or None for each picture of a batch; () if all are None. Raises ``TypeError``."""
+    """A trajectory or None for each picture of a batch; () if all are None. Raises ``TypeError``.
+
+    >>> still = Trajectory((-1.0, 1.0), (0.0, 0.0), (0.0, 0.0))
+    >>> len(per_picture(still, 3)), per_picture([None, None], 2)
+    (3, ())
+    """
     if trajectory is None:
         return ()
     each = (trajectory,) * batch if isinstance(trajectory, Trajectory) else trajectory
@@ -242,7 +260,13 @@ def per_picture(
 
 
 def path_duration_s(camera: Camera, exposure_s: float) -> float:
-    """Duration of a path about mid-exposure that covers every row and capture, s: exposure plus read-out."""
+    """Duration of a path about mid-exposure that covers every row and capture, s: exposure plus read-out.
+
+    >>> from blurnoise import Camera
+    >>> rolling = Camera.preset("imx250").with_figures(shutter="rolling", row_time_s=10e-6, height_px=1000)
+    >>> path_duration_s(rolling, 0.005)  # the exposure, and the read-out of 10 ms on either side
+    0.025
+    """
     ends = (
         [sum(window) for window in windows(camera.sensor.captures, exposure_s)]
         if camera.sensor.captures
@@ -261,6 +285,12 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
     The velocity changes by Gaussian steps, a pull towards the middle and, rarely, a jerk, of random strengths; the
     speed is constant. extent_px: longer side of the box around the path during ``exposure_s``. duration_s: of the
     whole path, at least exposure_s. The same seed and ratio of duration to exposure give the same shape.
+
+    >>> from blurnoise.motion.trajectory import shake
+    >>> path = shake(seed=1, extent_px=8.0, exposure_s=0.01).seen(0.01)
+    >>> left, top, right, bottom = path.box
+    >>> round(max(right - left, bottom - top), 1)  # px
+    8.0
     """
     integer("seed", seed, 0, rng.LAST_SEED)
     extent = in_range("extent_px", extent_px, 0.0, 1e4)
@@ -279,6 +309,7 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
     path, place = [0j], 0j
     for random, jerk, turn in zip(steps.tolist(), jerked.tolist(), turns.tolist(), strict=True):
         velocity += _ANXIETY * (random - pull * place) * speed + (2 * velocity * turn if jerk else 0)
+        # The speed stays the same, only its direction changes: so the exposure is spread evenly over the path.
         velocity *= speed / abs(velocity)
         place += velocity
         path.append(place)
@@ -293,6 +324,11 @@ def from_text(content: str, name: str, *, focal_px: float | None = None) -> Traj
 
     Mid-exposure is the middle of the times. name: of the file, for messages. focal_px: of the camera, for rates, see
     :func:`from_rates`. Raises ``ValueError`` naming the file and the fault.
+
+    >>> from blurnoise.motion.trajectory import from_text
+    >>> log = from_text("time_s,x_px,y_px\\n0.00,0,0\\n0.01,5,0", "log.csv")
+    >>> log.time_s, log.x_px  # mid-exposure is the middle
+    ((-0.005, 0.005), (0.0, 5.0))
     """
     try:
         columns = _columns(content)
@@ -320,6 +356,12 @@ def from_rates(time_s: NDArray[Any], rates_rad_s: NDArray[Any], *, focal_px: flo
     """A trajectory of a camera's rates of rotation (3, K) about its axes, rad/s, at times (K,), linear between.
 
     d = f (-int wy, int wx). Raises ``ValueError`` naming the argument.
+
+    >>> import numpy as np
+    >>> from blurnoise.motion.trajectory import from_rates
+    >>> pan = from_rates(np.array([0.0, 0.01]), np.array([[0.0, 0.0], [-1.0, -1.0], [0.0, 0.0]]), focal_px=1000.0)
+    >>> round(pan.x_px[-1] - pan.x_px[0], 3)  # 1 rad/s for 10 ms, 1000 px per radian
+    10.0
     """
     if focal_px is None:
         raise ValueError("focal_px: must be the camera's, px, for rates of rotation")
@@ -327,6 +369,7 @@ def from_rates(time_s: NDArray[Any], rates_rad_s: NDArray[Any], *, focal_px: flo
     if time.ndim != 1 or len(time) < 2 or rates.shape != (3, len(time)):
         shapes = f"{time.shape}, {rates.shape}"
         raise ValueError(f"time_s, rates_rad_s: shapes are {shapes}; must be (K,), (3, K), K >= 2")
+    # Rates are linear between readings, so angles are parabolas: finer knots hold them.
     fine = np.interp(np.arange((len(time) - 1) * _FINE + 1) / _FINE, np.arange(len(time)), time)
     between = np.stack([np.interp(fine, time, rate) for rate in (-rates[1], rates[0])])
     angles = sums((between[:, 1:] + between[:, :-1]) / 2 * np.diff(fine))

@@ -72,7 +72,12 @@ def develop_8bit(
     illuminant: str | Curve = "D55",
     white_e: Tensor | float | None = None,
 ) -> Tensor:
-    """The sRGB picture of :func:`develop` as an 8-bit camera file would hold it: uint8, of its shape."""
+    """The sRGB picture of :func:`develop` as an 8-bit camera file would hold it: uint8, of its shape.
+
+    >>> camera = Camera.preset("imx250").with_figures(black_level_dn=95.0)
+    >>> develop_8bit(torch.tensor([[[[95, 1095, 4095]]]]), camera)  # no light, a quarter, all of the range
+    tensor([[[[  0, 137, 255]]]], dtype=torch.uint8)
+    """
     at = Development(camera, gain_db, "srgb", illuminant, white_e)
     _, active = _checked(dn, camera)
     if _first_steps(dn, at, active) == active:
@@ -82,18 +87,31 @@ def develop_8bit(
 
 
 def tones_8bit(camera: Camera, gain_db: float = 0.0, illuminant: str | Curve = "D55") -> Tensor:
-    """The 8-bit sRGB value of every digital number, uint8 on the CPU, by the pointwise steps."""
+    """The 8-bit sRGB value of every digital number, uint8 on the CPU, by the pointwise steps.
+
+    >>> tones = tones_8bit(Camera.preset("imx250").with_figures(black_level_dn=95.0))
+    >>> len(tones), tones[[95, 1095, 4095]].tolist()
+    (4096, [0, 137, 255])
+    """
     pointwise = tuple(step for step in steps.active(camera) if step.pointwise)
     return _table(Development(camera, gain_db, "srgb", illuminant), pointwise, torch.uint8)
 
 
 def tabulated(camera: Camera) -> bool:
-    """Whether :func:`tones_8bit` is all of :func:`develop_8bit`."""
+    """Whether :func:`tones_8bit` is all of :func:`develop_8bit`.
+
+    >>> tabulated(Camera.preset("imx250")), tabulated(Camera.preset("imx250c"))  # a mosaic needs its neighbours
+    (True, False)
+    """
     return all(step.pointwise for step in steps.active(camera))
 
 
 def in_channels(picture: Tensor, channels: int) -> Tensor:
-    """A picture (B, 1 or 3, H, W) with the given number of channels: grey repeated, or colours to luma."""
+    """A picture (B, 1 or 3, H, W) with the given number of channels: grey repeated, or colours to luma.
+
+    >>> in_channels(torch.full((1, 1, 2, 2), 0.5), 3).shape
+    torch.Size([1, 3, 2, 2])
+    """
     found = picture.shape[1]
     if found == channels:
         return picture

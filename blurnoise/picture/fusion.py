@@ -31,7 +31,11 @@ _ONLY_CAPTURE = (Capture(),)
 
 
 def captures_of(camera: Camera) -> tuple[Capture, ...]:
-    """The captures of a picture of this camera, at least one."""
+    """The captures of a picture of this camera, at least one.
+
+    >>> [capture.exposure_ratio for capture in captures_of(Camera.preset("ar0132x3"))]
+    [1.0, 16.0, 256.0]
+    """
     return camera.sensor.captures or _ONLY_CAPTURE
 
 
@@ -40,6 +44,9 @@ def amplified(camera: Camera, gain_db: float) -> Amplified:
 
     The gain is added to that of every capture; the remaining gain is that of the first capture. Raises ``ValueError``
     beyond ``gain_max_db``.
+
+    >>> amplified(Camera.preset("imx250"), 30.0).digital_db  # beyond the amplifier's 24 dB
+    6.0
     """
     if not camera.sensor.captures:
         return camera.at_gain(gain_db)
@@ -67,6 +74,9 @@ def readers(camera: Camera) -> tuple[Camera, ...]:
     """The camera at the gain of each capture, in order; itself where it has no captures.
 
     Raises ``ValueError`` unless each capture takes over where the one before it ends.
+
+    >>> len(readers(Camera.preset("ar0132x3"))), len(readers(Camera.preset("imx250")))
+    (3, 1)
     """
     if not camera.sensor.captures:
         return (camera,)
@@ -122,6 +132,10 @@ def noise_e(camera: Camera, electrons: float, *, dark_e: float = 0.0) -> float:
     capture k alone has R_k sqrt(n / R_k + t_k dark_e + sigma_k^2), where t_k is its share of the first exposure. Two
     gains on one exposure read the same electrons with the same noise: their weights add up before the square. Raises
     ``ValueError``.
+
+    >>> camera = Camera.preset("imx250")
+    >>> round(noise_e(camera, 10_000.0)), round(noise_e(camera, 0.0), 1)  # shot noise; read noise in the dark
+    (100, 2.6)
     """
     # The blend's weights are those of the mean; that they follow the noisy value changes little outside the blend.
     low, high = BLEND
@@ -137,6 +151,7 @@ def noise_e(camera: Camera, electrons: float, *, dark_e: float = 0.0) -> float:
         share = 1.0 if count == len(captures) else min(1.0, max(0.0, (high - level) / (high - low)))
         weight = remaining * share * factor
         remaining *= 1 - share
+        # Every capture is rounded for itself, also two that read the same electrons.
         rounding_e2 += (weight / gain) ** 2 / 12
         shot_e2 = signal_e * reader.sensor.variance_factor(signal_e)
         sums = shared.setdefault((start_s, duration_s, capture.sensitivity), [0.0, 0.0, shot_e2])
@@ -170,7 +185,14 @@ def dynamic_range_db(camera: Camera) -> float:
 
 
 def saturations_e(camera: Camera) -> list[float]:
-    """Saturation of each capture in electrons of the first, never falling."""
+    """Saturation of each capture in electrons of the first, never falling.
+
+    >>> from blurnoise import Capture
+    >>> camera = Camera.preset("imx250").with_figures(captures=(Capture(), Capture(exposure_ratio=16)))
+    >>> first_e, second_e = saturations_e(camera)
+    >>> round(second_e / first_e, 6)  # a sixteenth of the light, so full at 16 times as much
+    16.0
+    """
     an_instance("camera", camera, Camera)
     by_capture = zip(readers(camera), factors(captures_of(camera)), strict=True)
     return [reader.sensor.saturation_e * factor for reader, factor in by_capture]

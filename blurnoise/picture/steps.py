@@ -40,6 +40,9 @@ class Development:
 
     white_e: of several captures, the electrons of the first one that become white, (B,) or one number. Raises
     ``TypeError`` or ``ValueError`` naming the field.
+
+    >>> Development(Camera.preset("imx250"), gain_db=6.0).encoding
+    'srgb'
     """
 
     camera: Camera
@@ -65,6 +68,10 @@ class PictureStep:
 
     apply: the picture after the step; differentiable, on any device. active: whether the step changes this camera's
     frames. pointwise: each value depends on its own digital number alone, so tables serve.
+
+    >>> half = PictureStep("half", lambda picture, at: picture / 2)
+    >>> half.apply(torch.ones(1), Development(Camera.preset("imx250"))), half.active(Camera.preset("imx250"))
+    (tensor([0.5000]), True)
     """
 
     name: str
@@ -166,13 +173,21 @@ STEPS = (
 
 
 def active(camera: Camera) -> tuple[PictureStep, ...]:
-    """The steps that do something to this camera's frames, in order."""
+    """The steps that do something to this camera's frames, in order.
+
+    >>> [step.name for step in active(Camera.preset("imx250c"))]
+    ['black level', 'white balance', 'demosaic', 'colour matrix', 'digital gain', 'tone']
+    """
     return tuple(step for step in STEPS if step.active(camera))
 
 
 @lru_cache(maxsize=64)
 def site_gains(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, ...]:
-    """White-balance gains of the pattern's four places."""
+    """White-balance gains of the pattern's four places.
+
+    >>> [round(gain, 2) for gain in site_gains(Camera.preset("imx250c"))]  # R G / G B: the strongest keeps 1
+    [1.1, 1.0, 1.0, 1.82]
+    """
     letters = dict.fromkeys(camera.sensor.cfa)
     if isinstance(camera.isp.white_balance, str):
         electrons = filter_electrons(camera, illuminant)
@@ -181,13 +196,19 @@ def site_gains(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, 
     else:
         red, middle, blue = camera.isp.white_balance
         stated = {"R": red, "G": middle, "C": middle, "B": blue}
+        # The smallest gain becomes 1: below it a clipped highlight would turn out darker than white.
         least = min(stated[each] for each in letters)
         gains = {each: stated[each] / least for each in letters}
     return tuple(gains[letter] for letter in camera.sensor.cfa)
 
 
 def highest(camera: Camera) -> float:
-    """The level of linear light from which on a pixel counts as saturated."""
+    """The level of linear light from which on a pixel counts as saturated.
+
+    >>> figures = {"black_level_dn": 95.0, "system_gain_dn_per_e": 0.25, "full_well_e": 8000.0}
+    >>> highest(Camera.preset("imx250").with_figures(**figures)) < 0.5  # the well is full at half of the range
+    True
+    """
     if _fuses(camera):  # in place of a capture that is full, the next one counts: only white is a limit
         return 1.0
     return (camera.sensor.saturated_dn - camera.sensor.black_level_dn) / (
@@ -197,7 +218,11 @@ def highest(camera: Camera) -> float:
 
 @lru_cache(maxsize=64)
 def matrix(camera: Camera, illuminant: str | Curve = "D55") -> Matrix:
-    """Matrix from the demosaiced colours to linear sRGB; rows sum to 1."""
+    """Matrix from the demosaiced colours to linear sRGB; rows sum to 1.
+
+    >>> matrix(Camera.preset("imx250"))[0]  # no colour matrix: the colours stay
+    (1.0, 0.0, 0.0)
+    """
     corrected = colour.normalised(camera.isp.ccm)
     if camera.sensor.cfa != "RCCB":
         return corrected
@@ -208,7 +233,11 @@ def matrix(camera: Camera, illuminant: str | Curve = "D55") -> Matrix:
 
 @lru_cache(maxsize=64)
 def magnification(camera: Camera, illuminant: str | Curve = "D55") -> float:
-    """Largest factor, RMS, by which development to linear light magnifies the plane's noise; 1 without a mosaic."""
+    """Largest factor, RMS, by which development to linear light magnifies the plane's noise; 1 without a mosaic.
+
+    >>> magnification(Camera.preset("imx250")), magnification(Camera.preset("imx250c")) > 1.5
+    (1.0, True)
+    """
     if camera.sensor.cfa in colour.PLANES:
         return 1.0
     gains = dict(zip(camera.sensor.cfa, site_gains(camera, illuminant), strict=True))
@@ -224,6 +253,11 @@ def demosaic(plane: Tensor, cfa: str, method: Literal["bilinear", "edge"]) -> Te
     The plane's values are balanced: white is the same behind every filter. "bilinear": the mean of the nearest pixels
     behind a filter. "edge": OpenCV's edge-aware one, of which only the values are known; its derivatives are those of
     "bilinear", as is all of RCCC. Pictures continue by reflection about their border pixels, which keeps the pattern.
+
+    >>> red = torch.zeros(1, 1, 4, 4)
+    >>> red[..., ::2, ::2] = 1.0  # the red pixels of RGGB
+    >>> demosaic(red, "RGGB", "bilinear")[0, :, 1, 1].tolist()  # red comes from the four corners
+    [1.0, 0.0, 0.0]
     """
     if method == "bilinear" or cfa == "RCCC":
         return _bilinear(plane, cfa)
@@ -240,13 +274,22 @@ def demosaic(plane: Tensor, cfa: str, method: Literal["bilinear", "edge"]) -> Te
 
 
 def padded(plane: NDArray[Any]) -> NDArray[Any]:
-    """A plane (H, W) with ``MARGIN`` pixels around it."""
+    """A plane (H, W) with ``MARGIN`` pixels around it.
+
+    >>> padded(np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]))[2].tolist()
+    [3.0, 2.0, 1.0, 2.0, 3.0, 2.0, 1.0]
+    """
     framed: NDArray[Any] = cv2.copyMakeBorder(plane, MARGIN, MARGIN, MARGIN, MARGIN, cv2.BORDER_REFLECT_101)
     return framed
 
 
 def by_opencv(raw: NDArray[np.uint16], cfa: str, method: str) -> NDArray[np.uint16]:
-    """Colours (H, W, 3) of a plane with its margin, in integers of 16 bits; of RCCC grey, (H, W, 3) too."""
+    """Colours (H, W, 3) of a plane with its margin, in integers of 16 bits; of RCCC grey, (H, W, 3) too.
+
+    >>> grey = padded(np.full((4, 6), 20000, np.uint16))
+    >>> by_opencv(grey, "RGGB", "edge")[0, 0].tolist()
+    [20000, 20000, 20000]
+    """
     inner = slice(MARGIN, -MARGIN)
     if cfa != "RCCC":
         # names of four letters count from the first row, those of two from the second

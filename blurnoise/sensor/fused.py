@@ -32,7 +32,11 @@ _BEYOND_DN = 2.0**20  # at which light is clipped: above any converter, and with
 
 
 def supports(active: Sequence[SensorStage]) -> bool:
-    """Whether :func:`write_frames` implements all of these stages, in this order."""
+    """Whether :func:`write_frames` implements all of these stages, in this order.
+
+    >>> supports(stages.active(Camera.preset("imx250")))
+    True
+    """
     own = [stage for stage in stages.LINEAR_MODEL if stage in active or stage.essential]
     return list(active) == own and stages.PHOTON_TRANSFER not in active
 
@@ -42,6 +46,13 @@ def write_frames(scene: Tensor, at: ReadoutFields, out: Tensor, tones: Tensor | 
 
     at: means of each light, and the fields of one frame, which all share. Several lights go with the laws "none" and
     "merged". Threads share the pieces: no bit changes.
+
+    >>> camera = Camera.preset("imx250").with_figures(system_gain_dn_per_e=0.5, black_level_dn=10.0)
+    >>> white_e, dark_e = torch.tensor([500.0, 1000.0]).view(2, 1, 1, 1), torch.zeros(2, 1, 1, 1)
+    >>> at, frames = ReadoutFields(camera, "none", white_e, dark_e, seeds=[0]), torch.empty(2, 1, 1, 3)
+    >>> write_frames(torch.full((1, 1, 1, 3), 0.5), at, frames, tones=None, threads=1)
+    >>> frames[:, 0, 0, 0].tolist()  # 250 and 500 electrons at 0.5 DN each, above black
+    [135.0, 260.0]
     """
     if at.law == "exact":  # counts, drawn by the stages that lead to them, are light of one electron each
         for stage in stages.LINEAR_MODEL[: stages.LINEAR_MODEL.index(stages.FULL_WELL)]:

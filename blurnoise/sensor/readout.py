@@ -44,6 +44,12 @@ class ReadoutOptions:
     who keeps them. tones: a value per digital number (such as :func:`tones_8bit`) to return in its place. out:
     where to write, contiguous, of the result's shape and dtype; it may be the light itself, and gradients leave it
     unused.
+
+    >>> from blurnoise import Camera
+    >>> camera = Camera.preset("imx250").with_figures(system_gain_dn_per_e=0.5, black_level_dn=10.0)
+    >>> frame = {"white_e": 501.0, "exposure_s": 0.01, "noise": False, "quantised": False}
+    >>> read_out(torch.ones(1, 1, 1, 1), camera, **frame).item()  # 501 electrons, not rounded
+    260.5
     """
 
     seeds: Sequence[int]
@@ -95,6 +101,12 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
     the camera's stages. The route may change a rounding step, not the law. Gradients reach scene, white_e, exposure
     and temperature: the noise is reparameterised, rounding lets them through unchanged, a clipped pixel has none. A
     picture expanded to a batch of lights with one seed gives the same bits in less time than light by light.
+
+    >>> camera = Camera.preset("imx250").with_figures(system_gain_dn_per_e=0.5, black_level_dn=10.0)
+    >>> one = torch.ones(1)
+    >>> at = Resolved(camera, exposure_s=0.01 * one, temperature_c=25 * one, white_e=1000 * one)
+    >>> digitised(torch.full((1, 1, 1, 1), 0.5), at, ReadoutOptions(seeds=[0], noise=False)).item()
+    260.0
     """
     camera = at.camera
     white_e, dark_e = at.white_e, dark_electrons(camera, at.exposure_s, at.temperature_c)

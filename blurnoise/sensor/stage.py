@@ -26,6 +26,12 @@ class ReadoutFields:
     white_e, dark_e: mean electrons of light 1 and of the dark. seeds: of the noise, one for each frame. normal, read:
     N(0, 1), of shot noise and of read noise apart from it. gain, offset_e: the fixed pattern. A field is None
     where the law or the camera does not ask for it. shared: N(0, 1) by stage, of size 1 along what shares a value.
+
+    >>> import torch
+    >>> light = torch.ones(2, 1, 1, 1)
+    >>> at = ReadoutFields(Camera.preset("imx250"), "none", white_e=1000 * light, dark_e=0 * light, seeds=[1, 2])
+    >>> at.part(1, slice(0, 1)).seeds
+    [2]
     """
 
     camera: Camera
@@ -61,6 +67,14 @@ class SensorStage(ABC):
     temporal noise from its own random stream (``rng.standard_normal(at.seeds, signal, "its name")``) and is omitted
     with noise=False. spreads: the stage makes pixels or frames of a uniform scene differ, as noise does. modelled:
     short description of the model.
+
+    >>> import torch
+    >>> class Half(SensorStage):
+    ...     name = "half"
+    ...     def apply(self, signal, at):
+    ...         return signal / 2
+    >>> Half().apply(torch.tensor(100.0), at=None), Half().how(Camera.preset("imx250"), noisy=True)
+    (tensor(50.), 'element by element')
     """
 
     name: str
@@ -88,10 +102,20 @@ class SensorStage(ABC):
 
 
 def signal_bound_e(at: Resolved[float]) -> float:
-    """Electrons of white, but not beyond twice saturation: noise past the clip does not show."""
+    """Electrons of white, but not beyond twice saturation: noise past the clip does not show.
+
+    >>> camera = Camera.preset("imx250")
+    >>> glare = Resolved(camera, exposure_s=1.0, temperature_c=25.0, white_e=1e9)
+    >>> signal_bound_e(glare) == 2 * camera.sensor.saturation_e
+    True
+    """
     return min(at.white_e, 2 * at.camera.sensor.saturation_e)
 
 
 def within_range_dn(camera: Camera, electrons: float) -> float:
-    """An error of so many electrons in DN, which cannot exceed the range."""
+    """An error of so many electrons in DN, which cannot exceed the range.
+
+    >>> within_range_dn(Camera.preset("imx250"), 1e9)
+    4095
+    """
     return min(camera.sensor.system_gain_dn_per_e * electrons, camera.sensor.full_scale_dn)

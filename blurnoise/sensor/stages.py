@@ -31,7 +31,13 @@ from blurnoise.sensor.stage import (
 
 
 class SpectralIntegration(SensorStage):
-    """Light to mean photo-electrons; none below 0 (ringing of a blur). Its bound is of a flat spectral curve."""
+    """Light to mean photo-electrons; none below 0 (ringing of a blur). Its bound is of a flat spectral curve.
+
+    >>> camera, light = Camera.preset("imx250"), torch.tensor([-0.01, 0.5])
+    >>> at = ReadoutFields(camera, "none", white_e=torch.tensor(1000.0), dark_e=torch.tensor(0.0), seeds=[0])
+    >>> SPECTRAL_INTEGRATION.apply(light, at)  # electrons; a blur's ringing below black is no light
+    tensor([  0., 500.])
+    """
 
     name = "spectral integration"
     essential = True
@@ -48,7 +54,12 @@ class SpectralIntegration(SensorStage):
 
 
 class Prnu(SensorStage):
-    """Photo-response non-uniformity: a fixed factor of each pixel, with parts of its row and its column."""
+    """Photo-response non-uniformity: a fixed factor of each pixel, with parts of its row and its column.
+
+    >>> uneven = Camera.preset("imx250").with_figures(prnu=0.01, system_gain_dn_per_e=0.5)
+    >>> PRNU.bound_dn(Resolved(uneven, 0.01, 25.0, white_e=1000.0))  # 1 % of 1000 electrons of 0.5 DN
+    5.0
+    """
 
     name = "PRNU"
     modelled = "fixed field of factors"
@@ -63,7 +74,13 @@ class Prnu(SensorStage):
 
 
 class DarkCurrent(SensorStage):
-    """Dark charge mu_I T, part of what shot noise is drawn from."""
+    """Dark charge mu_I T, part of what shot noise is drawn from.
+
+    >>> warm = Camera.preset("imx250").with_figures(dark_current_e_s=900.0, system_gain_dn_per_e=1.0)
+    >>> at = Resolved(warm, exposure_s=0.01, temperature_c=20.0, white_e=1000.0)
+    >>> round(DARK_CURRENT.bound_dn(at), 2)  # 9 electrons and their shot noise of 3, root of the sum of squares
+    9.49
+    """
 
     name = "dark current"
     modelled = "in the mean that shot noise is drawn from"
@@ -78,7 +95,13 @@ class DarkCurrent(SensorStage):
 
 
 class PhotonTransfer(SensorStage):
-    """The bend of the variance of shot noise over the mean, in the draw of shot noise."""
+    """The bend of the variance of shot noise over the mean, in the draw of shot noise.
+
+    >>> bent = Camera.preset("imx250").with_figures(photon_transfer=((0.0, 1.0), (1.0, 0.81)))
+    >>> at = Resolved(bent, 0.01, 20.0, white_e=bent.sensor.saturation_e)
+    >>> round(PHOTON_TRANSFER.bound_dn(at) / SHOT_NOISE.bound_dn(at), 2)  # the root of .81 is a tenth less
+    0.1
+    """
 
     name = "photon transfer"
     draws = True
@@ -100,6 +123,11 @@ class ShotNoise(SensorStage):
     """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw.
 
     Pixels near the full well (:func:`nearly_full_e`) are drawn in two steps: the well clips before read noise comes.
+
+    >>> camera = Camera.preset("imx250")
+    >>> at = Resolved(camera, 0.01, 20.0, white_e=2500.0)
+    >>> round(SHOT_NOISE.bound_dn(at) / camera.sensor.system_gain_dn_per_e, 2)  # electrons: the root of 2500
+    50.0
     """
 
     name = "shot noise"
@@ -134,7 +162,12 @@ class ShotNoise(SensorStage):
 
 
 class FullWell(SensorStage):
-    """The full well, where it ends below the converter's range: charge beyond it is lost. Later noises stay."""
+    """The full well, where it ends below the converter's range: charge beyond it is lost. Later noises stay.
+
+    >>> camera = Camera.preset("imx250")
+    >>> FULL_WELL.essential, FULL_WELL.bound_dn(Resolved(camera, 0.01, 20.0, white_e=2500.0))
+    (True, None)
+    """
 
     name = "full well"
     essential = True
@@ -144,7 +177,13 @@ class FullWell(SensorStage):
 
 
 class ReadNoise(SensorStage):
-    """Normal noise of the read-out, where the draw of shot noise does not hold it already."""
+    """Normal noise of the read-out, where the draw of shot noise does not hold it already.
+
+    >>> camera = Camera.preset("imx250")
+    >>> at = Resolved(camera, 0.01, 20.0, white_e=2500.0)
+    >>> READ_NOISE.bound_dn(at) == camera.sensor.system_gain_dn_per_e * camera.sensor.read_noise_e
+    True
+    """
 
     name = "read noise"
     draws = True
@@ -171,6 +210,10 @@ class SharedNoise(SensorStage):
     """Normal noise that pixels share: those of a row, of a column or of all planes of a frame.
 
     figure: its deviation, e- or DN rms. first: of light, one of the pixels that share a value.
+
+    >>> rows, columns, _ = SHARED_NOISES
+    >>> rows.drawn(torch.zeros(1, 1, 480, 640), [1]).shape  # a value for each row
+    torch.Size([1, 1, 480, 1])
     """
 
     draws = True
@@ -202,7 +245,13 @@ class SharedNoise(SensorStage):
 
 
 class Dsnu(SensorStage):
-    """Dark-signal non-uniformity: a fixed offset of each pixel, with parts of its row and its column."""
+    """Dark-signal non-uniformity: a fixed offset of each pixel, with parts of its row and its column.
+
+    >>> offset = torch.tensor([[[[2.0, -1.0]]]])
+    >>> at = ReadoutFields(Camera.preset("imx250"), "none", offset, offset, [0], offset_e=offset)
+    >>> DSNU.apply(torch.full((1, 1, 1, 2), 100.0), at).tolist()
+    [[[[102.0, 99.0]]]]
+    """
 
     name = "DSNU"
     modelled = "fixed field of offsets"
@@ -217,7 +266,13 @@ class Dsnu(SensorStage):
 
 
 class Gain(SensorStage):
-    """System gain K and black level: electrons to digital numbers, not yet whole ones."""
+    """System gain K and black level: electrons to digital numbers, not yet whole ones.
+
+    >>> camera = Camera.preset("imx250").with_figures(system_gain_dn_per_e=0.5, black_level_dn=10.0)
+    >>> at = ReadoutFields(camera, "none", torch.ones(1), torch.zeros(1), [0])
+    >>> GAIN.apply(torch.tensor([0.0, 100.0]), at)  # 0.5 DN an electron, above black
+    tensor([10., 60.])
+    """
 
     name = "gain"
     essential = True
@@ -227,7 +282,12 @@ class Gain(SensorStage):
 
 
 class Quantisation(SensorStage):
-    """Rounding to whole digital numbers. Gradients pass through unchanged, as the derivative of rounding is 0."""
+    """Rounding to whole digital numbers. Gradients pass through unchanged, as the derivative of rounding is 0.
+
+    >>> at = ReadoutFields(Camera.preset("imx250"), "none", torch.ones(1), torch.zeros(1), [0])
+    >>> QUANTISATION.apply(torch.tensor([10.2, 10.5, 11.5]), at)  # halves to even
+    tensor([10., 10., 12.])
+    """
 
     name = "quantisation"
     modelled = "rounding: the result is digital numbers"
@@ -241,7 +301,12 @@ class Quantisation(SensorStage):
 
 
 class Limits(SensorStage):
-    """The converter's: 0 and full scale."""
+    """The converter's: 0 and full scale.
+
+    >>> at = ReadoutFields(Camera.preset("imx250"), "none", torch.ones(1), torch.zeros(1), [0])
+    >>> LIMITS.apply(torch.tensor([-3.0, 5000.0]), at)  # 12 bits
+    tensor([   0., 4095.])
+    """
 
     name = "limits"
     essential = True
@@ -279,7 +344,11 @@ STAGES = LINEAR_MODEL
 
 
 def active(camera: Camera, without: frozenset[str] = frozenset(), *, noisy: bool = True) -> list[SensorStage]:
-    """The stages that do something in this camera and are not left out, in order; of noise only if ``noisy``."""
+    """The stages that do something in this camera and are not left out, in order; of noise only if ``noisy``.
+
+    >>> [stage.name for stage in active(Camera.preset("imx250"), noisy=False)]
+    ['spectral integration', 'full well', 'gain', 'quantisation', 'limits']
+    """
     asked = [stage for stage in STAGES if stage.name not in without and (noisy or not stage.draws)]
     return [
         stage for stage in asked if not stage.figures or any(camera.figure(name) for name in stage.figures)
@@ -295,10 +364,15 @@ def noisy_electrons(
     and Fisher): mean and variance exact. After gain and rounding the total variation distance from the exact law is
     below 0.008, and 0.0005 from 100 electrons on, for a read noise of at least 1 electron. mean_e, normal: any shape.
     bend: :func:`variance_factor`, with whose root f the deviation of Poisson(mean) from its mean is multiplied.
+
+    >>> mean_e, normal = torch.full((3,), 100.0), torch.tensor([-1.0, 0.0, 1.0])
+    >>> noisy_electrons(mean_e, 0.0, normal).round().tolist()  # a deviation of 10, the root of 100
+    [90.0, 100.0, 110.0]
     """
     # Without light and read noise there is no variance: the least of either keeps 0 / 0 and its derivative away.
     of_light = mean_e if bend is None else mean_e * bend
     variance = of_light + max(read_noise_e**2, 1e-6)
+    # The deviation from the mean is multiplied by the root of the bend, so its third cumulant by bend^1.5.
     skew = (of_light if bend is None else of_light * bend.sqrt()) / variance / 6
     spread = variance - 2 * skew * skew
     if read_noise_e**2 < 1 / 18 or bend is not None:  # else v > 2 k^2 throughout
@@ -307,7 +381,13 @@ def noisy_electrons(
 
 
 def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
-    """:meth:`blurnoise.Camera.variance_factor` of mean charges; None where the camera states no photon transfer."""
+    """:meth:`blurnoise.Camera.variance_factor` of mean charges; None where the camera states no photon transfer.
+
+    >>> bent = Camera.preset("imx250").with_figures(photon_transfer=((0.5, 1.0), (1.0, 0.6)))
+    >>> charge_e = torch.tensor([0.25, 0.75]) * bent.sensor.saturation_e
+    >>> variance_factor(charge_e, bent)
+    tensor([1.0000, 0.8000])
+    """
     if not camera.sensor.photon_transfer:
         return None
     shares, factors = np.array(camera.sensor.photon_transfer).T
@@ -320,7 +400,13 @@ def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
 
 
 def offsets_e(at: ReadoutFields) -> Tensor | None:
-    """All offsets behind the full well together, electrons: DSNU and the noise that pixels share; None: none."""
+    """All offsets behind the full well together, electrons: DSNU and the noise that pixels share; None: none.
+
+    >>> offset = torch.tensor([[[[2.0, -1.0]]]])
+    >>> at = ReadoutFields(Camera.preset("imx250"), "none", offset, offset, [0], offset_e=offset)
+    >>> offsets_e(at) is offset  # no rows or columns with noise of their own
+    True
+    """
     shared = [
         each.size_e(at.camera) * at.shared[each.name] for each in SHARED_NOISES if each.name in at.shared
     ]
@@ -329,7 +415,12 @@ def offsets_e(at: ReadoutFields) -> Tensor | None:
 
 
 def nearly_full_e(camera: Camera) -> float:
-    """Mean electrons from which on the full well may clip: below, it is six deviations of shot noise away."""
+    """Mean electrons from which on the full well may clip: below, it is six deviations of shot noise away.
+
+    >>> low_well = Camera.preset("imx250").with_figures(full_well_e=2500.0)
+    >>> nearly_full_e(low_well)  # six times 50 below it
+    2200.0
+    """
     well_e, most = (
         camera.sensor.well_limit_e,
         max((factor for _, factor in camera.sensor.photon_transfer), default=1.0),

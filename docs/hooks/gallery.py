@@ -61,6 +61,8 @@ GALLERY = {
               settings="vehicle: {lens: rectilinear, hfov_deg: 60}"),
         Shown("rolling shutter", "rows of the whole sensor 20 µs apart, 1500 px/s to the right",
               "--lux 1500 --dx 1500 --exposure-ms 1", settings="line_time_us: 20"),
+        Shown("veiling glare", "tail lamps 1000 times as bright as painted, a dirty windscreen",
+              "--lux 100", "lens: {veil_share: 0.03, halo_share: 0.07}", settings="emitters: lamps.pgm:1000"),
         Shown("vignetting", "cos⁴ of the field angle, 90° wide", "--lux 200",
               "hfov_deg: 90\nlens: {falloff_power: 4}"),
     ),

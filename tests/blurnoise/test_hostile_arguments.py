@@ -171,7 +171,7 @@ HOSTILE: Mapping[str, Any] = {
 }
 NEVER_RIGHT = ("text", "NaN", "Inf", "-1e300", "complex", "object")
 # A name is any text, dark electrons below 0 are a number; the others are read when they are used.
-READ_LATER = {"Camera.name", "Exposure.illuminant", "take_each.exposures", "Sensor.dark_variance_dn2.dark_e"}
+READ_LATER = {"Camera.name", "take_each.exposures", "Sensor.dark_variance_dn2.dark_e"}
 
 
 def test_every_public_function_is_here():

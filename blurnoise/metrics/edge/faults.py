@@ -37,7 +37,17 @@ BLOCK_PX, ODD_BLOCK = 5, 6.0  # side of a block; standard errors by which its me
 
 @dataclass(frozen=True)
 class Shape:
-    """An edge's sides, its line (B, H) and the spline between them, scaled to 0 and 1."""
+    """An edge's sides, its line (B, H) and the spline between them, scaled to 0 and 1.
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> picture = charts.slanted_edge(60, 60)[0].double()
+    >>> line = find_line(picture).position_px
+    >>> sides, upright = measure_sides(picture, line)
+    >>> shape_of(upright, line, sides, block=1).rows_together  # white noise: each row for itself
+    1
+    """
 
     sides: Sides
     position_px: Tensor
@@ -105,7 +115,18 @@ def structured(shape: Shape) -> Tensor:
 
 
 def overshoots(shape: Shape) -> Tensor:
-    """Whether the edge, in the mean over a pixel, goes beyond one of its sides, (B,)."""
+    """Whether the edge, in the mean over a pixel, goes beyond one of its sides, (B,).
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> picture = charts.slanted_edge(60, 60)[0].double()
+    >>> picture = picture + 0.5 * (picture - avg_pool2d(picture, 3, stride=1, padding=1, count_include_pad=False))
+    >>> line = find_line(picture).position_px
+    >>> sides, upright = measure_sides(picture, line)
+    >>> overshoots(shape_of(upright, line, sides, block=1)).tolist()  # sharpened
+    [True]
+    """
     knots = torch.eye(shape.spline.coefficients.shape[1], dtype=torch.float64)
     means = knots.unfold(0, round(1 / KNOT_PX), 1).mean(-1).T
     edge = shape.spline.coefficients @ means
@@ -162,7 +183,19 @@ def _rises(count: int) -> Tensor:
 
 
 def displaced(shape: Shape, mtf50: Tensor) -> Tensor:
-    """Whether rows are displaced against each other by more than noise explains, so far that MTF50 suffers, (B,)."""
+    """Whether rows are displaced against each other by more than noise explains, so far that MTF50 suffers, (B,).
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> noise = 0.002 * torch.randn(1, 60, 60, generator=torch.Generator().manual_seed(0))
+    >>> picture = (charts.slanted_edge(60, 60)[0] + noise).double()
+    >>> picture[:, ::2] = picture[:, ::2].roll(1, -1)  # every other row one pixel to the right
+    >>> line = find_line(picture).position_px
+    >>> sides, upright = measure_sides(picture, line)
+    >>> displaced(shape_of(upright, line, sides, block=1), torch.tensor([0.5])).tolist()
+    [True]
+    """
     (off, pull), by_row = shape.spline.off, shape.spline.pixels.by_row
     curvature = by_row(pull * pull).clamp_min(1e-12)
     place = by_row(pull * off) / curvature  # of each row, from its misfit projected on the edge's slope
@@ -194,7 +227,15 @@ def smoothed(shape: Shape) -> Tensor:
 
 
 def quieter(sides: Sides) -> Tensor:
-    """Whether the bright side has significantly less noise than the dark one, (B,); rounding errors do not count."""
+    """Whether the bright side has significantly less noise than the dark one, (B,); rounding errors do not count.
+
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> values = 20 * torch.randn(1, 80, 60, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    >>> values[:, :, 30:] = 1000 + values[:, :, 30:] / 10  # the bright side, which light would make noisier
+    >>> sides, _ = measure_sides(values, find_line(values).position_px)
+    >>> quieter(sides).tolist()
+    [True]
+    """
     # The median over the rows' noise is robust against a hot pixel, which makes one row noisy.
     left, right = (sides.square / sides.count.clamp_min(1)).median(1).values.unbind(1)
     of_bright, of_dark = torch.where(sides.step > 0, torch.stack([right, left]), torch.stack([left, right]))
@@ -206,7 +247,14 @@ def quieter(sides: Sides) -> Tensor:
 
 
 def colours_apart(colours: Tensor, mtf50: Tensor) -> Tensor:
-    """Whether the edges of colours (B, 3, H, W), by their share of luminance, lie so far apart that MTF50 suffers."""
+    """Whether the edges of colours (B, 3, H, W), by their share of luminance, lie so far apart that MTF50 suffers.
+
+    >>> from blurnoise import charts
+    >>> red = charts.slanted_edge(60, 60)[0].double()
+    >>> shifted = torch.cat([red.roll(2, -1), red, red])[None]
+    >>> colours_apart(shifted, torch.tensor([0.5])).tolist()  # red lies 2 px from green and blue
+    [True]
+    """
     batch, _, height, width = colours.shape
     line = find_line(colours.flatten(0, 1))
     step = line.right - line.left

@@ -32,7 +32,12 @@ WEAKEST, STRONGEST, PER_UNIT = -4.0, 6.0, 4  # of that table, in strengths
 
 def gaussian_edge(mtf50: Tensor, place_px: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Of a Gaussian over square pixels of that MTF50 (...), or the sharpest: sigma, px, (..., 1), its level, 0 to 1,
-    at ``place_px`` (K,) from the edge, (..., K), and the level behind the sharpening's Gaussian."""
+    at ``place_px`` (K,) from the edge, (..., K), and the level behind the sharpening's Gaussian.
+
+    >>> sigma, level, _ = gaussian_edge(torch.tensor(0.2), torch.tensor([-20.0, 0.0, 20.0]))
+    >>> level.round(decimals=3).tolist()  # from dark to bright, half-way on the edge
+    [0.0, 0.5, 1.0]
+    """
     squared = torch.log((2 * torch.sinc(mtf50)).clamp_min(1)) / (2 * (math.pi * mtf50) ** 2)
     sigma = squared.clamp_min(SHARPEST_PX**2).sqrt()[..., None]
     both = torch.stack([sigma, torch.sqrt(sigma**2 + MASK_PX**2)])
@@ -76,6 +81,10 @@ class Fault:
 
     low, high: range of u; 0 is an honest edge. parity: 1 if it makes the edge's halves unequal, which no blur does,
     else -1. usual: the largest u that is assumed if the edge has no trace of it.
+
+    >>> clipped, level = FAULTS[0], torch.tensor([0.0, 0.05, 0.525, 1.0])
+    >>> clipped.change(level, level, torch.tensor([1.0])).round(decimals=2)  # below 5 % of the step
+    tensor([0.0000, 0.0000, 0.5000, 1.0000])
     """
 
     change: Callable[[Tensor, Tensor, Tensor], Tensor]
@@ -98,7 +107,19 @@ def hidden_faults(shape: Shape, mtf50: Tensor) -> tuple[Tensor, Tensor]:
     """Whether the edge's halves are significantly unequal, (B,), and the effect of hidden faults, (3, B).
 
     The effect is the share of the measured ``mtf50`` (B,) by which they likely raised it, at most raised it, and at
-    most lowered it."""
+    most lowered it.
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import find_line, measure_sides
+    >>> picture = charts.slanted_edge(60, 60)[0].double()
+    >>> line = find_line(picture).position_px
+    >>> sides, upright = measure_sides(picture, line)
+    >>> shape = shape_of(upright, line, sides, block=1)
+    >>> unequal, effect = hidden_faults(shape, torch.tensor([0.6], dtype=torch.float64))
+    >>> unequal.tolist(), effect.shape
+    ([False], torch.Size([3, 1]))
+    """
     mtf50 = mtf50.clamp(COARSEST, FINEST)
     place = torch.log(mtf50 / COARSEST) * ((MTF50S - 1) / math.log(FINEST / COARSEST))
     index = place.long().clamp_max(MTF50S - 2)
@@ -182,7 +203,11 @@ def _at(costs: Tensor, u: Tensor) -> Tensor:
 
 @cache
 def cost_table() -> Tensor:
-    """Relative change of MTF50 by each fault, (F, M, U): faults, MTF50 measured with the fault, strengths."""
+    """Relative change of MTF50 by each fault, (F, M, U): faults, MTF50 measured with the fault, strengths.
+
+    >>> cost_table().shape == (len(FAULTS), MTF50S, (STRONGEST - WEAKEST) * PER_UNIT + 1)
+    True
+    """
     mtf50 = torch.logspace(math.log10(COARSEST), math.log10(FINEST), MTF50S, dtype=torch.float64)
     sigma, _, _ = gaussian_edge(mtf50, torch.zeros(1, dtype=torch.float64))
     step = (sigma / 12).clamp_min(0.125)

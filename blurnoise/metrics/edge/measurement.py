@@ -36,7 +36,13 @@ _NONE = torch.empty(0, dtype=torch.float64)
 
 
 class Flag(Enum):
-    """A reason to doubt a measured edge; with those in ``WITHHELD`` all numbers are NaN."""
+    """A reason to doubt a measured edge; with those in ``WITHHELD`` all numbers are NaN.
+
+    >>> from blurnoise import charts
+    >>> edge = slanted_edge(charts.flat_patch(60, 60)[0], bootstrap=0)
+    >>> [(flag.name, flag.value) for flag in edge.flags]
+    [('NO_EDGE', 'no step stands out of the noise')]
+    """
 
     NOT_FINITE = "the region holds NaN or Inf"
     CLIPPED = "more than 0.5 % of the pixels stand at black or at full scale"
@@ -69,6 +75,11 @@ class Resamples:
     """Bootstrap resamples: the same edge from n draws of its rows, for the intervals of derived numbers.
 
     power: (n, F). dark, bright, noise_variance_dark, noise_variance_bright: (n,).
+
+    >>> from blurnoise import charts
+    >>> edge = slanted_edge(charts.slanted_edge(60, 60)[0], bootstrap=30)
+    >>> len(edge.resamples.dark)
+    30
     """
 
     power: Tensor
@@ -93,6 +104,11 @@ class SlantedEdge:
     frequencies, power, sfr: (F,). In ``exact`` mode power is the squared modulus of the response less the power of
     noise: it has no bias, hence it is below 0 where only noise is left; sfr is its root, at least 0.
     distance_px, esf, lsf: (K,), the edge's shape along its normal, bright at positive distances, lsf per px.
+
+    >>> from blurnoise import charts
+    >>> edge = slanted_edge(charts.slanted_edge(60, 60, dark=0.1, bright=0.8)[0], bootstrap=0)
+    >>> round(edge.dark, 2), round(edge.bright, 2), round(edge.mtf_nyquist, 2)  # at 1/2 cycle/px, of a pixel 2/pi
+    (0.1, 0.8, 0.64)
     """
 
     mode: Mode
@@ -215,7 +231,16 @@ def _measured(
 
 
 def shape_of(upright: Upright, position_px: Tensor, sides: Sides, block: int) -> Shape:
-    """Fit the edges' splines and lines, from the dark area of every row within reach; block: rows drawn together."""
+    """Fit the edges' splines and lines, from the dark area of every row within reach; block: rows drawn together.
+
+    >>> from blurnoise import charts
+    >>> picture = charts.slanted_edge(60, 60)[0].double()
+    >>> line = position.find_line(picture).position_px
+    >>> sides, upright = position.measure_sides(picture, line)
+    >>> shape = shape_of(upright, line, sides, block=1)
+    >>> bool(faults.overshoots(shape)), bool(faults.two_humps(shape))  # an honest edge
+    (False, False)
+    """
     zone = upright.within(int(sides.reach_px.max().ceil()) + 2)
     scaled = sides.scaled(zone, position_px)
     columns = scaled.shape[2]

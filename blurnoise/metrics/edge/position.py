@@ -43,6 +43,12 @@ class EdgeLine:
     """The straight line of each edge.
 
     position_px: (B, H). left, right: levels of the sides, (B,). no_edge, structured, leaves: (B,) bool.
+
+    >>> values = torch.zeros(1, 8, 20, dtype=torch.float64)
+    >>> values[:, :, 8:] = 100.0
+    >>> line = find_line(values)
+    >>> float(line.left), float(line.right), bool(line.no_edge)
+    (0.0, 100.0, False)
     """
 
     position_px: Tensor
@@ -56,7 +62,12 @@ class EdgeLine:
 @dataclass(frozen=True)
 class Upright:
     """Rows shifted by whole pixels so that the edge is in the middle column. values, and inside (1 for pixels of the
-    region, else 0), (B, H, 2 J + 1); first: original column of each row's first entry, (B, H)."""
+    region, else 0), (B, H, 2 J + 1); first: original column of each row's first entry, (B, H).
+
+    >>> rows = Upright(torch.zeros(1, 1, 5), torch.ones(1, 1, 5), first=torch.tensor([[10]]))
+    >>> rows.distance_px(torch.tensor([[12.0]])).tolist()  # centres of columns 10 to 14 from 12.0
+    [[[-1.5, -0.5, 0.5, 1.5, 2.5]]]
+    """
 
     values: Tensor
     inside: Tensor
@@ -83,6 +94,12 @@ class Sides:
     level, variance, place_px: of the strips beside the reach, (B, 2), the variance about a plane. count, total,
     square: sums over each strip's pixels in every row, (B, H, 2), of 1, the values, and their squared deviations from
     that plane. The last four, (B,): of :func:`correlation_of`.
+
+    >>> values = torch.zeros(1, 40, 60, dtype=torch.float64)
+    >>> values[:, :, 30:] = 100.0
+    >>> sides, _ = measure_sides(values, find_line(values).position_px)
+    >>> float(sides.step), sides.variance.tolist()
+    (100.0, [[0.0, 0.0]])
     """
 
     reach_px: Tensor
@@ -131,7 +148,13 @@ def find_line(values: Tensor) -> EdgeLine:
     """Fit the straight line of each edge, from the dark share of every row's mean.
 
     The mean of a row does not change with blur, so it gives the position of any symmetric edge. The levels come from
-    the columns beside the line, so line and levels are iterated."""
+    the columns beside the line, so line and levels are iterated.
+
+    >>> values = torch.zeros(1, 8, 20, dtype=torch.float64)
+    >>> values[:, :, 8:] = 100.0
+    >>> find_line(values).position_px.round(decimals=3)[0, 0].item()  # between columns 7 and 8
+    8.0
+    """
     _, height, width = values.shape
     columns, rows = values.mean(1), values.mean(2)
     from_left, from_right = columns.cumsum(1), columns.flip(1).cumsum(1)
@@ -169,7 +192,12 @@ def smooth(position_px: Tensor, *, order: int) -> Tensor:
 
 @cache
 def row_basis(rows: int, order: int) -> Tensor:
-    """Orthonormal polynomials up to ``order`` over the rows, (rows, order + 1)."""
+    """Orthonormal polynomials up to ``order`` over the rows, (rows, order + 1).
+
+    >>> basis = row_basis(5, 1)
+    >>> (basis.T @ basis).round(decimals=6).abs().tolist()  # orthonormal
+    [[1.0, 0.0], [0.0, 1.0]]
+    """
     row = torch.linspace(-1, 1, rows, dtype=torch.float64)
     basis: Tensor = torch.linalg.qr(torch.stack([row**power for power in range(order + 1)], dim=1)).Q
     return basis
@@ -195,7 +223,12 @@ def cosine(position_px: Tensor) -> Tensor:
 
 
 def largest_phase_gap_px(position_px: Tensor) -> Tensor:
-    """Widest gap between the rows' sampling phases, px along the normal, (B,)."""
+    """Widest gap between the rows' sampling phases, px along the normal, (B,).
+
+    >>> quarters = torch.tensor([[4.0, 4.25, 4.5, 4.75]], dtype=torch.float64)
+    >>> round(float(largest_phase_gap_px(quarters)), 4)  # 0.25 px along the row of an edge 14 degrees off
+    0.2425
+    """
     phases = torch.sort(position_px.remainder(1.0), dim=1).values
     around = torch.cat([phases, phases[:, :1] + 1], dim=1)
     return torch.diff(around, dim=1).amax(1) * cosine(position_px)
@@ -204,7 +237,14 @@ def largest_phase_gap_px(position_px: Tensor) -> Tensor:
 def measure_sides(values: Tensor, position_px: Tensor) -> tuple[Sides, Upright]:
     """Measure the reach of each edge, and level and noise in strips beside it; also return the upright edge.
 
-    A strip is as wide as the reach, at least ``STRIP_PX``."""
+    A strip is as wide as the reach, at least ``STRIP_PX``.
+
+    >>> values = torch.zeros(1, 40, 60, dtype=torch.float64)
+    >>> values[:, :, 30:] = 100.0
+    >>> sides, _ = measure_sides(values, find_line(values).position_px)
+    >>> sides.level.tolist(), float(sides.reach_px)
+    ([[0.0, 100.0]], 2.35)
+    """
     width = values.shape[2]
     half = int(torch.maximum(position_px.amax(), width - position_px.amin()).ceil()) + 1
     first = position_px.floor().long() - half
@@ -333,6 +373,12 @@ def correlation_of(
 
     Returns, (B,) each: NPS(0) over the variance, 1 for white noise; how many rows a bootstrap draws together;
     whether there are fewer than seven such blocks; whether neighbours alternate, which sharpening causes.
+
+    >>> noise = torch.randn(2, 1, 60, 20, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    >>> sides = [(side, torch.ones_like(side)) for side in noise]
+    >>> power_at_0, block, *_ = correlation_of(sides, torch.tensor([True]))
+    >>> power_at_0.tolist(), block.tolist()  # white: rows are drawn one by one
+    ([1.0], [1])
     """
     height = sides[0][0].shape[1]
     noise, there = [], []

@@ -17,7 +17,7 @@ from blurnoise_eval.system.terminal import say, say_json
 if TYPE_CHECKING:
     from blurnoise_eval.bench.contest import Contest
 
-What = Literal["blur", "motion", "sweep", "augment"]
+What = Literal["blur", "motion", "glare", "sweep", "augment"]
 
 
 def bench(
@@ -49,6 +49,7 @@ def bench(
 
       blur     straight motion blur; also Kornia and OpenCV
       motion   blur by camera shake, and by ego-motion on a road
+      glare    halos around lamps
       sweep    a sweep and plain onnxruntime
       augment  the augmentation, a training step, Kornia, and albumentations and nrtk if installed
 
@@ -64,11 +65,16 @@ def bench(
     folder = output or new_folder(f"bench-{what}")
 
     from blurnoise_eval import datasets
-    from blurnoise_eval.bench import contest, motion, programs
+    from blurnoise_eval.bench import contest, glare, motion, programs
     from blurnoise_eval.system.files import check_outputs
 
     check_outputs(folder, f"{what}.*")
-    contests: dict[str, Any] = {"blur": motion.blur, "motion": motion.motion, "augment": programs.augment}
+    contests: dict[str, Any] = {
+        "blur": motion.blur,
+        "motion": motion.motion,
+        "glare": glare.glare,
+        "augment": programs.augment,
+    }
     if what == "sweep":
         pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=8)
         detector = inputs.detector(model, contract)

@@ -35,6 +35,8 @@ EVERY = {
     "falloff_power": 4.0,
     "distortion": BARREL,
     "mtf": MTF,
+    "veil_share": 0.01,
+    "halo_share": 0.05,
 }
 
 
@@ -45,6 +47,9 @@ FILED: dict[str, Any] = {
     "relative_illumination": {"heights": [0, 0.5, 1], "values": [1, 0.9, 0.6]},
     "distortion": {"model": "opencv", "coefficients": [-0.2, 0.03, 0.001, 0, 0], "focal_px": [2400, 2400]},
     "mtf": {"frequencies": [20, 80, 160], "values": [0.9, 0.6, 0.1], "unit": "lp/mm"},
+    "veil_share": 0.01,
+    "halo_share": 0.02,
+    "t_number": 1.6,
 }
 
 
@@ -60,6 +65,7 @@ def test_files_bring_a_lens_back(tmp_path, suffix):
     assert camera.lens.mtf == Mtf((20.0, 80.0, 160.0), (0.9, 0.6, 0.1), "lp/mm")
     assert camera.lens.relative_illumination == RelativeIllumination((0.0, 0.5, 1.0), (1.0, 0.9, 0.6))
     assert camera.lens.distortion == Distortion("opencv", (-0.2, 0.03, 0.001, 0.0, 0.0), (2400.0, 2400.0))
+    assert (camera.lens.veil_share, camera.lens.halo_share, camera.lens.t_number) == (0.01, 0.02, 1.6)
     assert camera.sources["lens"] == "from mine.yaml"
     camera.save(tmp_path / f"camera.{suffix}")
     assert Camera.load(tmp_path / f"camera.{suffix}") == camera
@@ -107,6 +113,8 @@ def shape(model, *coefficients, **others):
         (mtf([0.1, 0.5], [1, 0.1]), {"defocus_radius_px": 1}, "lens.mtf: is measured with defocus and"),
         ({"field_curvature_px": 1}, {"defocus_counts_pixel": True}, "lens.field_curvature_px: must be 0 where"),
         ({"falloff_power": 4}, {"hfov_deg": 180}, "hfov_deg = 180: must be < 180 for"),
+        ({"veil_share": 0.3, "halo_share": 0.4}, {}, "lens: veil_share + halo_share = 0.7: must be at most 0.5"),
+        ({"t_number": 1.3}, {}, "t_number = 1.3: must be 0 or at least f_number = 1.4, as no lens passes more"),
         (shape("opencv", 0.1, 0.2), {}, "coefficients = (0.1, 0.2): must be 4 or 5 or 8 numbers, got 2"),
         (shape("fisheye", 0, 0, 0, 0, focal_px=[0, 1]), {}, "lens: distortion: focal_px = 0.0: must be"),
         (shape("opencv", -0.9, 0, 0, 0), {"hfov_deg": 100}, "images nothing beyond 0.4057 focal lengths"),

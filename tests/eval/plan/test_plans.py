@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, number, numbers
-from blurnoise_eval.plan.conditions import Cell, Conditions
+from blurnoise_eval.plan.conditions import Cell, Conditions, with_lens
 from blurnoise_eval.plan.objects import ObjectSettings
 from blurnoise_eval.plan.plan import SweepPlan
 from plans import IMX250, plan
@@ -90,6 +90,11 @@ def test_the_camera_s_own_stands_where_nothing_is_stated():
     exposure = AT.exposure(camera)
     assert exposure.camera is camera
     assert (exposure.temperature_c, exposure.gain_db, exposure.velocity_px_s) == (25.0, 0.0, (300.0, -400.0))
+
+
+def test_an_f_number_of_a_sweep_scales_a_measured_t_number():
+    measured = IMX250.with_figures(f_number=2.0, t_number=2.2)
+    assert with_lens(measured, f_number=4.0).lens.t_number == 4.4
 
 
 @pytest.mark.parametrize("axis", AXES, ids=lambda axis: axis.name)
