@@ -118,7 +118,7 @@ def _layer(light: Tensor, lamps: BeamPlanes, matte: Matte, velocity_px_s: Iterab
     whole = (matte >= 1).astype(np.uint8)  # an object that the picture's border cuts goes on beyond it
     inside = cv2.erode(whole, kernel, borderType=cv2.BORDER_REPLICATE)[box] > 0
 
-    def own(plane: Tensor) -> Tensor:
+    def part_of(plane: Tensor) -> Tensor:
         """The part of a picture (1, C, H, W), without what its edge shows of the background."""
         part = plane[..., box[0], box[1]]
         return filled(part, ~inside & (alpha > 0))[0] if inside.any() else part[0]
