@@ -29,6 +29,7 @@ MANIFEST = ".blurnoise"
 """The list of what was written to a folder. Its names are those of files in that folder, none below or elsewhere."""
 _LINE = b'{"wrote": '  # begin of every line; a file of that name without it is the user's
 _LARGEST_MANIFEST, _AT_ONCE = 16 << 20, 1 << 20  # bytes
+# Machine, process and its start: who may delete the copy once that process is gone.
 _PARTIAL = re.compile(r"\.blurnoise-([0-9a-f]{8})-(\d+)-([0-9a-f]{8})-[0-9a-f]{32}\.partial")
 _TEXTS = ".csv", ".html", ".json", ".yaml", ".yml"
 _NOT_OURS = errno.EACCES, errno.EPERM, errno.EISDIR, errno.ELOOP, errno.ENXIO
@@ -83,7 +84,16 @@ _WRITING: ContextVar[Writing | None] = ContextVar("writing", default=None)
 
 @contextmanager
 def writing(*, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Iterator[Writing]:
-    """Group writes as one command; calls may nest. inputs: files that are never replaced."""
+    """Group writes as one command; calls may nest. inputs: files that are never replaced.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> path.write_text("mine") and None
+    >>> with writing(overwrite=True):
+    ...     write_whole(path, b"ours")
+    >>> path.read_text()
+    'ours'
+    """
     outer = _WRITING.get()
     own = Writing(overwrite) if outer is None else outer
     before, own.overwrite = own.overwrite, own.overwrite or overwrite
@@ -125,6 +135,13 @@ def written_whole(path: Path) -> Iterator[Path]:
     one only. Devices and pipes are written to. If anything fails, nothing is left behind. Several writers of one path
     do not disturb each other: the last content stays. Raises ``OSError`` that names
     ``path``.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> with written_whole(path) as unfinished:
+    ...     _, before = unfinished.write_text("whole"), path.exists()
+    >>> before, path.read_text()
+    (False, 'whole')
     """
     target = Path(os.path.realpath(path)) if path.is_dir() else check_replaceable(path)
     unfinished = _beside(target or Path(tempfile.gettempdir()) / path.name)
@@ -134,6 +151,7 @@ def written_whole(path: Path) -> Iterator[Path]:
             if target is None:
                 _write_to(path, unfinished)
                 return
+            # On disk before it takes the name: a crash leaves the old file or the new one, never half of one.
             for part in (*unfinished.rglob("*"), unfinished):
                 _sync(part)
             if not unfinished.is_dir():
@@ -161,7 +179,11 @@ def check_writable(path: Path) -> None:
 
 
 def check_writable_folder(folder: Path) -> None:
-    """Raise ``OSError`` where no file can be written to the folder, or its nearest parent if it is not there yet."""
+    """Raise ``OSError`` where no file can be written to the folder, or its nearest parent if it is not there yet.
+
+    >>> import tempfile
+    >>> check_writable_folder(Path(tempfile.mkdtemp()) / "new" / "folder")  # raises where it could not be made
+    """
     with _naming(folder):
         _probe(next(each for each in (folder, *folder.absolute().parents) if each.exists()))
 
@@ -171,6 +193,12 @@ def check_replaceable(path: Path, new: Path | None = None) -> Path | None:
 
     Raises ``OSError`` for a folder, an input of the command, and a file that blurnoise did not write or that has
     changed since. A command that overwrites replaces this, too, by a file of the same kind. new: what replaces it.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> write_whole(path, b"one")
+    >>> check_replaceable(path).name  # blurnoise wrote it, and nobody has changed it since
+    'a.txt'
     """
     with _naming(path):
         own = _WRITING.get() or Writing()
@@ -297,6 +325,7 @@ def _is_written(target: Path) -> bool:
     with target.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
         held = _lines(target.parent / MANIFEST).get(target.name, set())
+        # The size first: a large file of the user's is not read only to learn that it is not ours.
         return size in {each for each, _ in held} and (size, _digest(file, size)) in held
 
 

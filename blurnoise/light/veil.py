@@ -48,6 +48,11 @@ class VeilingGlare(LightEffect):
     """Veiling glare of the camera's veil_share and halo_share.
 
     It follows the blurs, with which it commutes: between them it would part the transform that they share.
+
+    >>> from blurnoise import Camera
+    >>> hazy = Camera.preset("imx250").with_figures(veil_share=0.01, halo_share=0.02)
+    >>> VEIL.bound(Resolved(hazy, 0.01, 25.0, white_e=1000.0))
+    0.015
     """
 
     name = "veiling glare"

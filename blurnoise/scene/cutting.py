@@ -142,6 +142,7 @@ def _from_around(part: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray
     half, weight = ((width + 1) // 2, (height + 1) // 2), known.astype(np.float32)
     share = cv2.resize(weight, half, interpolation=cv2.INTER_AREA)
     light = cv2.resize(part * weight[..., None], half, interpolation=cv2.INTER_AREA).reshape(*share.shape, -1)
+    # Half the scale each time: a hole of any size is filled after as many steps as its size has bits.
     coarse = _from_around(light / np.maximum(share, _LEAST)[..., None], share > _LEAST)
     finer = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(part.shape)
     return np.where(known[..., None], part, finer)
@@ -195,6 +196,7 @@ def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: fl
     across, down = [
         max(1, spread_px(abs(along) * exposure_s / 2)) for along in velocity_px_s.detach().tolist()
     ]
+    # Objects are one where their paths may meet: within the reach of the blur, tails included.
     near = cv2.dilate(covered, np.ones((2 * down + 1, 2 * across + 1), np.uint8))
     count, parts = cv2.connectedComponents(near)
     own = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]

@@ -34,6 +34,7 @@ RISING = 4.0  # standard errors of a significant rise
 CERTAIN = 4.0  # standard errors of a correlation: one in 3 000 edges with white noise has it
 ALTERNATES = 5.0  # standard errors by which neighbours must alternate
 FADED = 1.5  # standard errors below which a correlation has ended
+# Lags of the noise's correlation: across the edge filters reach a few pixels, along it columns go on.
 ACROSS_PX, ALONG_PX = 6, 24
 LENGTHS_PER_BLOCK, REACHES_PER_BLOCK, FEWEST_BLOCKS = 4, 2, 7
 
@@ -373,6 +374,12 @@ def correlation_of(
 
     Returns, (B,) each: NPS(0) over the variance, 1 for white noise; how many rows a bootstrap draws together;
     whether there are fewer than seven such blocks; whether neighbours alternate, which sharpening causes.
+
+    >>> noise = torch.randn(2, 1, 60, 20, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    >>> sides = [(side, torch.ones_like(side)) for side in noise]
+    >>> power_at_0, block, *_ = correlation_of(sides, torch.tensor([True]))
+    >>> power_at_0.tolist(), block.tolist()  # white: rows are drawn one by one
+    ([1.0], [1])
     """
     height = sides[0][0].shape[1]
     noise, there = [], []
