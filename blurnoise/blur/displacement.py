@@ -61,6 +61,7 @@ class Readout:
         readout_s = last * abs(self.row_s)
         later = tau + readout_s / 2
         start = np.full_like(later, -(self.exposure_s + readout_s / 2) / 2)
+        # Centred, so that time 0 stays mid-exposure of the middle row.
         return start, start + self.exposure_s + later
 
     @property
@@ -210,6 +211,7 @@ class Displacement:
         known, knots = self.path_track
         places = torch.from_numpy(np.stack([np.interp(at, known, along) for along in knots], 1))
         lasting_s = self.readout.exposure_s
+        # The gradient by the exposure: its window's ends move, and with them the points of the path that are seen.
         if not lasting_s or not differentiable(self.exposure_s):
             return places
         during, _ = self.path.window(-lasting_s / 2, lasting_s / 2)
@@ -250,14 +252,14 @@ class Displacement:
         """The pixels that an object may cover during the exposure; ``rest``: those that it covers at mid-exposure."""
         if self.way == "rows":
             stretch(self.velocity_px_s[1], self.readout.row_s)
-        seen, before = Window(0, 0, self.readout.rows, 1), None
-        while seen != before:  # of all rows first, then of those that it comes to
-            before, (low, high) = seen, self.range_px(seen._replace(left=0, width=1))
+        covered, before = Window(0, 0, self.readout.rows, 1), None
+        while covered != before:  # of all rows first, then of those that it comes to
+            before, (low, high) = covered, self.range_px(covered._replace(left=0, width=1))
             left, top = (-spread_px(-along) for along in low.tolist())
             right, bottom = (spread_px(along) for along in high.tolist())
             height, width = max(1, rest.height + bottom - top), rest.width + right - left
-            seen = Window(rest.top + top, rest.left + left, height, width)
-        return seen
+            covered = Window(rest.top + top, rest.left + left, height, width)
+        return covered
 
     @cached_property
     def parts(self) -> int:
@@ -265,6 +267,7 @@ class Displacement:
         gone = sums(np.abs(np.diff(self.track[1])))
         starts, stops = self.readout.windows_s
         ends = (np.stack([np.interp(at, self.track[0], each) for each in gone]) for at in (stops, starts))
+        # In n parts each axis moves by 1/n, so their product falls with n squared.
         return max(1, math.ceil(math.sqrt(float(np.subtract(*ends).prod(0).max()) / _AT_ONCE_PX2)))
 
     def mean_px(self, rows: Floats) -> Floats:
@@ -292,10 +295,11 @@ class Displacement:
         far = rows - rows.clip(
             -2 * reach, self.readout.rows + 2 * reach
         )  # all rows beyond move as the nearest one
+        # Only rows near the picture are searched: boxes may lie anywhere.
         rows = rows - far
         grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
-        seen: Floats = far + np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
-        return seen
+        shown: Floats = far + np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
+        return shown
 
     def covered(self, boxes: Floats) -> Floats:
         """The boxes that boxes (N, 4), px between pixels' centres, sweep while their rows are exposed.
@@ -309,18 +313,19 @@ class Displacement:
         down = 1 if self.readout.row_s > 0 else -1
         starts, stops = (each[::down] for each in self.readout.windows_s)
         rows, outside = np.arange(self.readout.rows)[::down], math.inf * down
+        # At each time the rows from the first whose exposure is not over, to the last one that has begun.
         over = np.where(times <= stops[0], -outside, np.interp(times, stops, rows))
         begun = np.where(times >= starts[-1], outside, np.interp(times, starts, rows))
         first, last = np.minimum(over, begun), np.maximum(over, begun)
         x, y = self._places(times)
-        found = boxes.copy()
-        for box in found:
+        swept = boxes.copy()
+        for box in swept:
             left, top, right, bottom = box
             upper, lower = np.maximum(first, top + y), np.minimum(last, bottom + y)
-            if (seen := upper <= lower).any():
-                across = x[seen]
-                box[:] = left + across.min(), upper[seen].min(), right + across.max(), lower[seen].max()
-        return found
+            if (exposed := upper <= lower).any():
+                across = x[exposed]
+                box[:] = left + across.min(), upper[exposed].min(), right + across.max(), lower[exposed].max()
+        return swept
 
 
 def stretch(velocity_y_px_s: float, row_s: float) -> float:
@@ -350,8 +355,8 @@ def _carried(flow: Tensor, by_px: Tensor) -> Tensor:
     x = torch.arange(width).to(flow) - by_px[0]
     y = torch.arange(height).to(flow)[:, None] - by_px[1]
     grid = torch.stack([2 * x / max(1, width - 1) - 1, 2 * y / max(1, height - 1) - 1], -1)
-    seen: Tensor = functional.grid_sample(flow[None], grid[None], "bilinear", "border", align_corners=True)
-    return seen[0]
+    carried: Tensor = functional.grid_sample(flow[None], grid[None], "bilinear", "border", align_corners=True)
+    return carried[0]
 
 
 def spread_px(along_px: float) -> int:

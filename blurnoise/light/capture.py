@@ -20,6 +20,7 @@ from blurnoise.blur.layers import Layer, coloured
 from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import flow_warp
 from blurnoise.light.effect import LightEffect
+from blurnoise.light.headlamps import ambient_share
 from blurnoise.light.motion import readout_of
 from blurnoise.light.resolved import Number, Resolved, Shift
 
@@ -30,7 +31,14 @@ class Lamp(LightEffect):
     """A lamp of pulses that lights the scene, or is part of it within a mask (:class:`blurnoise.Pwm`).
 
     Each row sees the lamp while it is exposed; ``at.windows_s`` says when, so that the lamp runs on from row to row
-    and from capture to capture. The phase refers to the start of the first row of the first capture.
+    and from capture to capture. The phase refers to the start of the first row of the first capture. The light of
+    headlamps is not the lamp's: it goes on between the pulses.
+
+    >>> from blurnoise import Camera, Pwm
+    >>> when = {"lamps": (Pwm(90.0, 0.1),), "windows_s": ((0.0, 0.001),)}
+    >>> at = Resolved(Camera.preset("imx250"), 0.001, 25.0, white_e=1000.0, **when)
+    >>> round(LAMP.bound(at), 3)  # an exposure within a pulse has ten times the mean light, nine times too much
+    9.0
     """
 
     name = "pulsed lamp"
@@ -50,7 +58,11 @@ class Lamp(LightEffect):
 
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
         # Picture by picture: lamps differ in phase, and rows of a rolling shutter in their windows of time.
-        lit = [light[item : item + 1] * _factors(light, at, item) for item in range(len(light))]
+        factors = [_factors(light, at, item) for item in range(len(light))]
+        if at.headlamp is not None:
+            shares = torch.as_tensor(ambient_share(at)).to(light)
+            factors = [1 + share * (factor - 1) for share, factor in zip(shares, factors, strict=True)]
+        lit = [light[item : item + 1] * factor for item, factor in enumerate(factors)]
         return lit[0] if len(lit) == 1 else torch.cat(lit)
 
     def apply_to_layer(self, layer: Layer, like: Tensor, at: Resolved[Tensor], border: Border) -> Layer:
@@ -63,7 +75,10 @@ class Lamp(LightEffect):
             (start + torch.arange(count)).clamp(0, most - 1).to(factors.device)
             for start, count, most in starts
         )
-        return replace(layer, light=layer.light * factors[rows][:, columns])
+        here = factors[rows][:, columns]
+        if at.headlamp is not None:
+            here = 1 + ambient_share(at, layer) * (here - 1)
+        return replace(layer, light=layer.light * here.to(layer.light))
 
     def how(self, at: Resolved[float]) -> str:
         if at.lamp is None:
@@ -77,7 +92,13 @@ class Lamp(LightEffect):
 
 
 class LaterCapture(LightEffect):
-    """The motion of the scene between the middle of the first capture and the middle of this one."""
+    """The motion of the scene between the middle of the first capture and the middle of this one.
+
+    >>> from blurnoise import Camera
+    >>> moved_on = Shift(later_s=0.01, path_px=(0.0, 0.0), scene_px=(3.0, 0.0))
+    >>> LATER_CAPTURE.how(Resolved(Camera.preset("imx250"), 0.001, 25.0, 1000.0, shift=moved_on))
+    'displaced by +3, +0 px since the first capture'
+    """
 
     name = "motion between captures"
     essential = True
@@ -129,7 +150,11 @@ def _factors(light: Tensor, at: Resolved[Tensor], item: int) -> Tensor | float:
 
 
 def checked_mask(mask: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
-    """A lamp's mask (H, W) or (B, H, W) within [0, 1] as (B, H, W). Raises ``TypeError`` or ``ValueError``."""
+    """A lamp's mask (H, W) or (B, H, W) within [0, 1] as (B, H, W). Raises ``TypeError`` or ``ValueError``.
+
+    >>> checked_mask(torch.ones(4, 6), batch=2, size=(4, 6)).shape
+    torch.Size([2, 4, 6])
+    """
     mask = real_tensor("lamp_mask", mask)
     if mask.shape not in (size, (batch, *size)):
         raise ValueError(f"lamp_mask: shape is {tuple(mask.shape)}; must be the picture's, {size}")
@@ -139,7 +164,12 @@ def checked_mask(mask: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
 
 
 def displaced(layer: Layer, shift_px: Tensor) -> Layer:
-    """The layer displaced by (x, y) px, whole or not; nothing is beyond its sides."""
+    """The layer displaced by (x, y) px, whole or not; nothing is beyond its sides.
+
+    >>> post = Layer(torch.ones(1, 4, 2), torch.ones(4, 2), place_px=(10, 5))
+    >>> displaced(post, torch.tensor([3.0, 0.0])).place_px  # 3 px to the right, with a margin of 8 px
+    (5, -3)
+    """
     shift = shift_px.detach()
     if not bool((shift != 0).any()):
         return layer
@@ -149,7 +179,7 @@ def displaced(layer: Layer, shift_px: Tensor) -> Layer:
     plane = torch.nn.functional.pad(plane, (_MARGIN_PX,) * 4)[None]
     light, alpha = coloured(translated(plane, shift - whole, "constant")[0])
     left, top = (start + int(steps) - _MARGIN_PX for start, steps in zip(layer.place_px, whole, strict=True))
-    return replace(layer, light=light, alpha=alpha, place_px=(left, top))
+    return replace(layer, light=light, alpha=alpha, place_px=(left, top), headlamp_lux={})
 
 
 LAMP, LATER_CAPTURE = Lamp(), LaterCapture()

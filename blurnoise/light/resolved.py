@@ -32,11 +32,25 @@ class Shift(NamedTuple):
 
     later_s: (B,), between the middles of the two exposures. path_px: (B, 2), by the trajectory. scene_px: (B, 2), or
     (B, 2, H, W) of each pixel, by velocity and trajectory together. Of one frame a number and pairs (x, y).
+
+    >>> Shift(later_s=0.01, path_px=(0.0, 0.0), scene_px=(8.0, 0.0)).scene_px  # 800 px/s for 10 ms
+    (8.0, 0.0)
     """
 
     later_s: Tensor | float
     path_px: Tensor | tuple[float, float]
     scene_px: Tensor | tuple[float, float]
+
+
+class BeamLight(NamedTuple):
+    """Light of headlamps on pictures: the beam, the least, the most and the RMS of each picture, and planes, lux.
+
+    lux: (B, 1, H, W), what the beam adds to the illuminance of each pixel; of one frame None.
+    """
+
+    beam: str
+    ranges_lux: tuple[tuple[float, float, float], ...]
+    lux: Any = None  # Tensor
 
 
 @dataclass(frozen=True)
@@ -50,7 +64,13 @@ class Resolved(Generic[Number]):
     variation_px the largest distance from it. lamps: the pulsed lamp of each frame, () without; lamp_mask: (B, H, W),
     the share of each pixel's light that comes from it, None for all of it. windows_s: start and duration of each
     frame's exposure, in double precision, from the start of the first capture. shift: of the scene since the first
-    capture; None in that capture.
+    capture; None in that capture. illuminance_lux: on the scene, to which ``headlamp`` adds the light of a beam; None
+    without.
+
+    >>> from blurnoise import Camera
+    >>> warm = Camera.preset("imx250").with_figures(dark_current_e_s=100.0)
+    >>> Resolved(warm, exposure_s=0.01, temperature_c=20.0, white_e=5000.0).dark_e
+    1.0
     """
 
     camera: Camera
@@ -68,6 +88,8 @@ class Resolved(Generic[Number]):
     lamp_mask: Tensor | None = None
     windows_s: tuple[tuple[float, float], ...] = ()
     shift: Shift | None = None
+    illuminance_lux: Number | float = 0.0
+    headlamp: BeamLight | None = None
 
     @staticmethod
     def of(
@@ -79,20 +101,21 @@ class Resolved(Generic[Number]):
         velocity_px_s: Tensor,
         paths: tuple[Trajectory | None, ...],
         illuminant: str | Curve,
+        sensitivity: float = 1.0,
         **scene: Any,
     ) -> Resolved[Tensor]:
         """Conditions of one exposure of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
 
-        Numbers (B,) and :func:`velocities` are within their limits; paths: of each picture, or (). scene: the fields
-        objects, lamps, lamp_mask, windows_s and shift. Raises ``ValueError`` for motion beyond its limit, and for a
-        path that ends within the exposure.
+        Numbers (B,) and :func:`velocities` are within their limits; paths: of each picture, or (). sensitivity: a
+        factor on the capture's electrons. scene: the fields objects, lamps, lamp_mask, windows_s, shift and headlamp.
+        Raises ``ValueError`` for motion beyond its limit, and for a path that ends within the exposure.
         """
         size = image.shape[-2], image.shape[-1]
         if camera.sensor.cfa not in PLANES and min(size) < 2:
             must = f"behind cfa = {camera.sensor.cfa!r} must be at least 2 x 2"
             raise ValueError(f"image: {size[1]} x {size[0]} px; {must}")
         exposure, lux, temperature = (
-            numbers.to(image) for numbers in (exposure_s, illuminance_lux, temperature_c)
+            numbers.to(image) for numbers in (exposure_s, illuminance_lux * sensitivity, temperature_c)
         )
         white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
         by_flow = velocity_px_s.ndim > 2
@@ -113,6 +136,7 @@ class Resolved(Generic[Number]):
             paths,
             flow_px=moved if by_flow else None,
             variation_px=variation,
+            illuminance_lux=illuminance_lux.to(image),
             **scene,
         )
 
@@ -140,10 +164,11 @@ class Resolved(Generic[Number]):
         """The conditions of every frame, in the precision of the batch."""
         displacement = torch.as_tensor(self.displacement_px)
         varies = torch.as_tensor(self.variation_px).expand(len(displacement))
-        tensors = self.exposure_s, self.temperature_c, self.white_e, displacement, varies
+        lux = torch.as_tensor(self.illuminance_lux).expand(len(displacement))
+        tensors = self.exposure_s, self.temperature_c, self.white_e, displacement, varies, lux
         rows = zip(*(tensor.tolist() for tensor in tensors), strict=True)
         size = self.size or self.camera.field.size
-        for item, (exposure_s, temperature_c, white_e, (x, y), varies_px) in enumerate(rows):
+        for item, (exposure_s, temperature_c, white_e, (x, y), varies_px, of_scene) in enumerate(rows):
             layers = self.layers[item] if self.objects else ()
             one = slice(item, item + 1)
             yield Resolved(
@@ -160,6 +185,8 @@ class Resolved(Generic[Number]):
                 lamps=self.lamps[one],
                 windows_s=self.windows_s[one],
                 shift=None if self.shift is None else _farthest(self.shift, item),
+                illuminance_lux=of_scene,
+                headlamp=self.headlamp and BeamLight(self.headlamp.beam, self.headlamp.ranges_lux[one]),
             )
 
     def part(self: Resolved[Tensor], indices: list[int]) -> Resolved[Tensor]:
@@ -172,6 +199,9 @@ class Resolved(Generic[Number]):
             some[name] = values if any(values) else ()
         if self.shift is not None:
             some["shift"] = Shift(*(torch.as_tensor(tensor)[indices] for tensor in self.shift))
+        if (lit := self.headlamp) is not None:
+            ranges = tuple(lit.ranges_lux[item] for item in indices)
+            some["headlamp"] = BeamLight(lit.beam, ranges, lit.lux[indices])
         return replace(self, **some)
 
     def readout(self: Resolved[Tensor], indices: slice | list[int]) -> Resolved[Tensor]:
@@ -184,6 +214,10 @@ def velocities(velocity_px_s: object, image: Tensor) -> Tensor:
     """Velocities of pictures (B, C, H, W), px/s: (B, 2), or of each pixel (B, 2, H, W), in their dtype.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument.
+
+    >>> pictures = torch.zeros(2, 1, 4, 6)
+    >>> velocities((800.0, 0.0), pictures).shape, velocities(torch.zeros(2, 4, 6), pictures).shape
+    (torch.Size([2, 2]), torch.Size([2, 2, 4, 6]))
     """
     by_flow = getattr(velocity_px_s, "ndim", 0) > 2
     return (flows if by_flow else convolution.motions)("velocity_px_s", velocity_px_s, image)
@@ -195,9 +229,9 @@ def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:
     >>> middle_of(torch.tensor([[[[1.0, 3.0]], [[0.0, 0.0]]]]))
     (tensor([[2., 0.]]), tensor([1.]))
     """
-    seen = flow_px.detach()
-    middle = (seen.amax((2, 3)) + seen.amin((2, 3))) / 2
-    return middle, (seen - middle[:, :, None, None]).square().sum(1).amax((1, 2)).sqrt()
+    flow = flow_px.detach()
+    middle = (flow.amax((2, 3)) + flow.amin((2, 3))) / 2
+    return middle, (flow - middle[:, :, None, None]).square().sum(1).amax((1, 2)).sqrt()
 
 
 def _farthest(shift: Shift, item: int) -> Shift:

@@ -52,11 +52,12 @@ def develop(
     >>> import torch
     >>> from blurnoise import Camera
     >>> camera = Camera.preset("imx250")
-    >>> develop(torch.tensor([[[[6.0, 1000.0, 4095.0]]]]), camera).round(decimals=3)
-    tensor([[[[0.0000, 0.5300, 1.0000]]]])
+    >>> develop(torch.tensor([[[[240.0, 1000.0, 4095.0]]]]), camera).round(decimals=3)
+    tensor([[[[0.0000, 0.4810, 1.0000]]]])
     """
     at = Development(camera, gain_db, encoding, illuminant, white_e)
     kind, active = _checked(dn, camera)
+    # Tables have no slope, and none holds a frame of several captures.
     formulas = differentiable(dn) or steps.FUSION in active
     if formulas or (dn.is_floating_point() and not _whole(dn)):
         return _developed(dn.to(kind), at, active)
@@ -112,11 +113,12 @@ def in_channels(picture: Tensor, channels: int) -> Tensor:
     >>> in_channels(torch.full((1, 1, 2, 2), 0.5), 3).shape
     torch.Size([1, 3, 2, 2])
     """
-    found = picture.shape[1]
-    if found == channels:
+    own_channels = picture.shape[1]
+    if own_channels == channels:
         return picture
-    if found == 1:
+    if own_channels == 1:
         return picture.expand(-1, channels, -1, -1)
+    # The weighted sum of the values as they are, coded or linear, as pictures are turned grey everywhere.
     weights = torch.tensor(LUMINANCE, device=picture.device)
     luma = torch.einsum("c,bchw->bhw", weights, picture.float())[:, None]
     return luma.round().to(picture.dtype) if picture.dtype == torch.uint8 else luma.to(picture.dtype)
@@ -157,6 +159,7 @@ def _first_steps(dn: Tensor, at: Development, active: tuple[PictureStep, ...]) -
     count = 0
     if steps.FUSION in active:  # of which no table exists: it mixes frames
         return ()
+    # Where 16 bits serve: for pictures that a tone curve codes, in single precision at most.
     in_16_bits = at.encoding == "srgb" and dn.device.type == "cpu" and dn.dtype != torch.float64
     if in_16_bits and active[:3] == (steps.BLACK_LEVEL, steps.WHITE_BALANCE, steps.DEMOSAIC):
         count = 3 + (active[3:4] == (steps.COLOUR_MATRIX,))
@@ -205,8 +208,8 @@ def _in_16_bits(dn: Tensor, at: Development, first: tuple[PictureStep, ...], tab
     frames = dn.detach().reshape(batch, height, width).numpy()
     out = torch.empty((batch, height, width, 3), dtype=getattr(torch, table.dtype.name))
 
-    def frame(place: int) -> None:
-        numbers = np.subtract(frames[place], camera.sensor.black_level_dn, dtype=np.float32)
+    def frame(index: int) -> None:
+        numbers = np.subtract(frames[index], camera.sensor.black_level_dn, dtype=np.float32)
         np.clip(
             numbers,
             -camera.sensor.black_level_dn,
@@ -216,11 +219,12 @@ def _in_16_bits(dn: Tensor, at: Development, first: tuple[PictureStep, ...], tab
         light = padded(numbers)
         np.multiply(light, by_site, out=light)
         np.minimum(light, highest, out=light)
+        # One call that scales, shifts, rounds and limits: what NumPy does in four passes.
         codes = cv2.addWeighted(light, SCALE, light, 0.0, OFFSET, dtype=cv2.CV_16U)
         colours = by_opencv(codes, camera.sensor.cfa, camera.isp.demosaic)
         if coloured:
             colours = cv2.transform(colours, rows)
-        look_up_codes(table, colours, out[place].numpy())
+        look_up_codes(table, colours, out[index].numpy())
 
     side_by_side(frame, range(batch), torch.get_num_threads())
     return out.permute(0, 3, 1, 2)

@@ -89,6 +89,7 @@ def readers(camera: Camera) -> tuple[Camera, ...]:
         for reader, by in zip(each, factors(camera.sensor.captures), strict=True)
     ]
     for number, (end_e, following_e) in enumerate(pairwise(ends_e), 2):
+        # Else the capture that takes over would be full itself.
         if following_e < end_e * (1 - 1e-9):
             raise ValueError(
                 f"captures: number {number} saturates at {following_e:.4g} e- of the first, the one before it at "
@@ -108,7 +109,7 @@ def fuse(frames: Sequence[Tensor], camera: Camera) -> Tensor:
     >>> camera = Camera.preset("imx250").with_figures(captures=(Capture(), Capture(exposure_ratio=16)))
     >>> clipped, short = torch.tensor([[4095.0]]), torch.tensor([[2000.0]])
     >>> round(float(fuse([clipped, short], camera)))
-    83603
+    78271
     """
     low, high = BLEND
     captures = captures_of(camera)

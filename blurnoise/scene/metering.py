@@ -19,6 +19,7 @@ from blurnoise.camera.captures import Capture, longest_first_s
 from blurnoise.camera.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
 from blurnoise.camera.spectra import Curve
 
+# Of photographers' grey cards, half-way between black and white to the eye (L* = 49.5).
 GREY = 0.18
 _ALLOWED = "must be mean, pNN (a percentile above 0, up to 100) or x0,y0,x1,y1 (px, x1 and y1 not included)"
 
@@ -60,14 +61,14 @@ class GreyAnchor:
         Raises ``ValueError`` if the region lies outside the picture or the anchor is black.
         """
         channels, height, width = picture.shape
-        seen = picture.detach().cpu().numpy().astype(float)
+        values = picture.detach().cpu().numpy().astype(float)
         if self.region_px is not None:
             x0, y0, x1, y1 = self.region_px
             if x1 > width or y1 > height:
                 raise ValueError(f"grey_anchor = {self}: lies outside the picture of {width} x {height} px")
-            seen = seen[:, y0:y1, x0:x1]
+            values = values[:, y0:y1, x0:x1]
         weights = LUMINANCE if channels == 3 else (1 / channels,) * channels
-        light = np.tensordot(np.array(weights), seen, 1)
+        light = np.tensordot(np.array(weights), values, 1)
         grey = float(light.mean() if self.percentile is None else np.percentile(light, self.percentile))
         if grey <= 0 or not math.isfinite(GREY / grey):
             raise ValueError(f"grey_anchor = {self}: is black in this picture; must be brighter than black")
@@ -175,6 +176,7 @@ class AutoExposure:
             limited("exposure_s", exposure_s),
             min(self.gain_max_db, camera.sensor.gain_max_db),
         )
+        # With the largest gain the picture would be too bright: the target takes less.
         if (reading := exposure_s * rate) * brightness(camera, gain_db) > self.target:
             gain_db = _gain_db(camera, max(1.0, self.target / reading), gain_db)
         return Setting(exposure_s, gain_db, reading * brightness(camera, gain_db))
@@ -188,6 +190,7 @@ class AutoExposure:
         0.02
         """
         exposure_s = min(wanted_s, self.limit_s)
+        # Lamps on the mains flicker twice a period: once for each half-wave.
         period_s = 1 / (2 * self.mains_hz) if self.mains_hz else 0.0
         if period_s and exposure_s >= period_s * (1 - _STEP):
             exposure_s = math.floor(exposure_s / period_s + _STEP) * period_s
@@ -204,10 +207,10 @@ def brightness(camera: Camera, gain_db: float) -> float:
     """
     if not camera.sensor.gains:
         return float(10 ** (gain_db / 20))
-    own, analogue_db = camera.sensor.at_0_db, min(gain_db, camera.sensor.analogue_gain_max_db)
-    found = gain.measured(own, camera.sensor.gains, analogue_db)
-    ranges = [camera.sensor.full_scale_dn - row.black_level_dn for row in (own, found)]
-    more = found.system_gain_dn_per_e / own.system_gain_dn_per_e * ranges[0] / ranges[1]
+    at_0_db, analogue_db = camera.sensor.at_0_db, min(gain_db, camera.sensor.analogue_gain_max_db)
+    at_gain = gain.measured(at_0_db, camera.sensor.gains, analogue_db)
+    ranges = [camera.sensor.full_scale_dn - row.black_level_dn for row in (at_0_db, at_gain)]
+    more = at_gain.system_gain_dn_per_e / at_0_db.system_gain_dn_per_e * ranges[0] / ranges[1]
     return float(more * 10 ** ((gain_db - analogue_db) / 20))
 
 

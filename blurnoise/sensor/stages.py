@@ -113,6 +113,7 @@ class PhotonTransfer(SensorStage):
 
     def bound_dn(self, at: Resolved[float]) -> float:
         most_e, camera = signal_bound_e(at) + at.dark_e, at.camera
+        # A piecewise linear factor is farthest from 1 at a point of it, or at the most that the picture reaches.
         places_e = [share * camera.sensor.saturation_e for share, _ in camera.sensor.photon_transfer]
         reached = [camera.sensor.variance_factor(min(place_e, most_e)) for place_e in (*places_e, most_e)]
         farthest = max(abs(math.sqrt(factor) - 1) for factor in reached)
@@ -141,6 +142,7 @@ class ShotNoise(SensorStage):
             return signal
         elif at.law == "merged":
             drawn = noisy_electrons(signal, camera.sensor.read_noise_e, at.normal, bend)
+            # Far below the well it never clips, so that one draw gives the same law.
             full = signal >= nearly_full_e(camera)
             if at.read is None or not bool(full.any()):
                 return drawn
@@ -173,6 +175,7 @@ class FullWell(SensorStage):
     essential = True
 
     def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
+        # Merged, read noise is in the signal already, and must not be clipped with the charge: shot noise did that.
         return signal if at.law == "merged" else signal.clamp(max=at.camera.sensor.well_limit_e)
 
 
@@ -393,10 +396,10 @@ def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
     shares, factors = np.array(camera.sensor.photon_transfer).T
     slopes = np.diff(factors) / np.diff(shares)
     share = charge_e / camera.sensor.saturation_e
-    found = torch.full_like(share, factors[0])
-    for place, change in zip(shares.tolist(), np.diff(slopes, prepend=0.0, append=0.0).tolist(), strict=True):
-        found = found + change * (share - place).clamp(min=0.0)  # straight lines, level beyond the ends
-    return found.clamp(min=1e-6)  # for the derivative of its root
+    factor = torch.full_like(share, factors[0])
+    for point, change in zip(shares.tolist(), np.diff(slopes, prepend=0.0, append=0.0).tolist(), strict=True):
+        factor = factor + change * (share - point).clamp(min=0.0)  # straight lines, level beyond the ends
+    return factor.clamp(min=1e-6)  # for the derivative of its root
 
 
 def offsets_e(at: ReadoutFields) -> Tensor | None:
@@ -425,6 +428,7 @@ def nearly_full_e(camera: Camera) -> float:
         camera.sensor.well_limit_e,
         max((factor for _, factor in camera.sensor.photon_transfer), default=1.0),
     )
+    # Beyond six deviations lies one value in 1e9, less than one of a frame.
     return well_e if math.isinf(well_e) else well_e - 6 * math.sqrt(well_e * most)
 
 
