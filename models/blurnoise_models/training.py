@@ -178,7 +178,7 @@ def batch(first: int, count: int = BATCH, *, size_px: int = 320) -> tuple[Tensor
 
     Rows of boxes are padded with zeros.
 
-    >>> pictures, boxes = batch(0, 2, size_px=64)
+    >>> pictures, returns, boxes = batch(0, 2, size_px=64)
     >>> pictures.shape, boxes.shape[2]
     (torch.Size([2, 3, 64, 64]), 4)
     """
