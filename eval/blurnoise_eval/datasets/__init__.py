@@ -36,6 +36,6 @@ from blurnoise_eval.datasets.yolo_labels import yolo
 __all__ = [
     "DOUBTFUL_LABELS", "RENDERED_SIZE_PX", "Image", "Picture", "PictureSet", "Target", "UnreadablePicture", "bdd",
     "check_cut", "check_labelled", "coco", "content", "cut_out", "decode", "decode_linear", "eight_bit", "encode",
-    "image_folder", "outlines", "picture_doubts", "read_picture", "rendered_signs", "rendered_texts", "sample", "size_group",
-    "size_px", "target_mask", "texts", "voc", "write_picture", "yolo",
+    "image_folder", "outlines", "picture_doubts", "read_picture", "rendered_signs", "rendered_texts", "sample",
+    "size_group", "size_px", "target_mask", "texts", "voc", "write_picture", "yolo",
 ]  # fmt: skip

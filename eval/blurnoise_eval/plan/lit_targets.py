@@ -73,8 +73,8 @@ class LitTargets(Settings):
 
     sheeting: Annotated[Text | None, BeforeValidator(_sheeting)] = setting(
         None,
-        "sheeting of signs in headlamps: I, III, XI, vest or worn, none for matt, or three numbers, cd/(lx m2) at .2, "
-        ".5 and 2 degrees (default: that of the class)",
+        "sheeting of signs in headlamps: I, III, XI, vest or worn, none for matt, or three numbers, cd/(lx m2) at "
+        ".2, .5 and 2 degrees (default: that of the class)",
         "NAME|A,B,C",
     )
     road_objects: RoadObjects = setting(

@@ -330,11 +330,8 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     size, path = camera.field.size, None
     if plan.lamps is not None and plan.lamps.on_targets:
         check_labelled(pictures, "emitters, pwm_mask: targets", "without labels pulses light the whole scene")
-    if plan.beams:
-        if not pictures.labelled:
-            raise ValueError(
-                "headlamp: needs labels, by which targets are known; or distance_m with --object"
-            )
+    if plan.beams and not pictures.labelled:
+        raise ValueError("headlamp: needs labels, by which targets are known; or distance_m with --object")
     if plan.cuts:
         check_cut(pictures, plan.objects)
     if plan.path is not None:
