@@ -55,6 +55,10 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
     ``A.ReplayCompose`` and ``A.from_dict`` of ``A.to_dict`` give the same pixels again.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
+
+    >>> expose = RandomExposure("imx250", exposure_s=0.01, illuminance_lux=50.0, channels="bgr", p=1.0)
+    >>> expose(image=np.full((32, 48, 3), 128, np.uint8))["image"].shape
+    (32, 48, 3)
     """
 
     _targets = tuple(Targets[name] for name in _TARGETS if name in Targets.__members__)

@@ -49,7 +49,13 @@ def extended(image: Tensor, before: tuple[int, int], spans: tuple[int, int], bor
 
 
 def continued(plane: NDArray[Any], into: NDArray[Any], before: tuple[int, int], border: Border) -> None:
-    """``extended`` for one plane (H, W) of an array, into memory of the span."""
+    """``extended`` for one plane (H, W) of an array, into memory of the span.
+
+    >>> into = np.empty((1, 5))
+    >>> continued(np.array([[1.0, 2.0, 3.0]]), into, (0, 1), "circular")
+    >>> into.tolist()
+    [[3.0, 1.0, 2.0, 3.0, 1.0]]
+    """
     after = [span - n - first for span, n, first in zip(into.shape, plane.shape, before, strict=True)]
     plane = np.ascontiguousarray(plane)
     cv2.copyMakeBorder(plane, before[0], after[0], before[1], after[1], OPENCV[border], dst=into, value=0)
@@ -114,13 +120,23 @@ class Window(NamedTuple):
 
 
 def cut(plane: Tensor, work: Window, window: Window) -> Tensor:
-    """Crop a plane that covers the window ``work`` to ``window``."""
+    """Crop a plane that covers the window ``work`` to ``window``.
+
+    >>> plane = torch.arange(6.0).view(1, 1, 2, 3)  # of the window from row -1, column 0
+    >>> cut(plane, Window(-1, 0, 2, 3), Window(0, 1, 1, 2)).tolist()
+    [[[[4.0, 5.0]]]]
+    """
     top, left = window.top - work.top, window.left - work.left
     return plane[..., top : top + window.height, left : left + window.width]
 
 
 def continued_in(picture: Tensor, work: Window, border: Border) -> Tensor:
-    """Crop a picture to ``work``, continuing it beyond its border."""
+    """Crop a picture to ``work``, continuing it beyond its border.
+
+    >>> picture = torch.tensor([[[[1.0, 2.0, 3.0]]]])
+    >>> continued_in(picture, Window(0, -2, 1, 4), "replicate").tolist()
+    [[[[1.0, 1.0, 1.0, 2.0]]]]
+    """
     inner = work.clipped((picture.shape[-2], picture.shape[-1]))
     before = (inner.top - work.top, inner.left - work.left)
     return extended(picture[..., *inner.within], before, (work.height, work.width), border)

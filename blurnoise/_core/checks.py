@@ -26,7 +26,11 @@ Numbers = float | Tensor | Iterable[float]
 
 
 class Limit(NamedTuple):
-    """Range from low to high, both included; above: low itself is excluded."""
+    """Range from low to high, both included; above: low itself is excluded.
+
+    >>> LIMITS["tolerance_dn"]  # 0 itself is excluded
+    Limit(low=0.0, high=65536.0, above=True)
+    """
 
     low: float
     high: float
@@ -95,7 +99,11 @@ DRAWN_FROM: Mapping[str, float] = {"exposure_s": 1e-9, "illuminance_lux": 1e-6, 
 
 
 class OutOfRange(ValueError):
-    """A number that is not within [low, high] or, where that is ``above`` it, (low, high]."""
+    """A number that is not within [low, high] or, where that is ``above`` it, (low, high].
+
+    >>> str(OutOfRange("duty", 1.5, 0.0, 1.0, above=True))
+    'duty = 1.5: must be finite and > 0 and <= 1'
+    """
 
     def __init__(self, name: str, value: object, low: float, high: float, above: bool = False) -> None:
         super().__init__(name, value, low, high, above)  # for pickle
@@ -120,7 +128,11 @@ def in_range(
     name: str, value: float, low: float = -math.inf, high: float = math.inf, *, above: bool = False
 ) -> float:
     """``value``, finite, as a float. Raises ``TypeError``, or ``ValueError`` unless ``low <= value <= high``; above:
-    unless ``low < value``."""
+    unless ``low < value``.
+
+    >>> in_range("share", np.float32(0.25), 0.0, 1.0)
+    0.25
+    """
     number = value
     if type(value) is not float:  # as nearly every number is
         try:
@@ -141,13 +153,22 @@ def in_range(
 
 
 def counted(name: str, value: int, entry: str | None = None) -> int:
-    """``value``, an integer within the limit of its name, or of ``entry``. Raises as :func:`integer` does."""
+    """``value``, an integer within the limit of its name, or of ``entry``. Raises as :func:`integer` does.
+
+    >>> counted("bootstrap", 200)
+    200
+    """
     low, high, _ = LIMITS[entry or name]
     return integer(name, value, int(low), int(high))
 
 
 def integer(name: str, value: int, low: int, high: int) -> int:
-    """``value`` as an int, NumPy's too. Raises ``TypeError`` for no integer, ``ValueError`` outside [low, high]."""
+    """``value`` as an int, NumPy's too. Raises ``TypeError`` for no integer, ``ValueError`` outside [low, high].
+
+    >>> integer("seed", True, 0, 10)
+    Traceback (most recent call last):
+    TypeError: seed = True: must be an integer
+    """
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise TypeError(f"{name} = {shown(value)}: must be an integer")
     if not low <= value <= high:
@@ -156,7 +177,11 @@ def integer(name: str, value: int, low: int, high: int) -> int:
 
 
 def picture_size(name: str, value: object) -> tuple[int, int]:
-    """Return (height, width). Raises ``ValueError`` unless they are two integers from 1 to 2^20."""
+    """Return (height, width). Raises ``ValueError`` unless they are two integers from 1 to 2^20.
+
+    >>> picture_size("size", [480, 640])
+    (480, 640)
+    """
     try:
         height, width = (integer(name, side, 1, 1 << 20) for side in cast(tuple[int, int], value))
     except (TypeError, ValueError):
@@ -168,7 +193,11 @@ def picture_size(name: str, value: object) -> tuple[int, int]:
 
 
 def boxes(name: str, value: object) -> Tensor:
-    """Return boxes (N, 4) as floats. Raises ``TypeError`` or ``ValueError`` for anything else, NaN and infinity."""
+    """Return boxes (N, 4) as floats. Raises ``TypeError`` or ``ValueError`` for anything else, NaN and infinity.
+
+    >>> boxes("boxes", [[0, 0, 20, 10]]).shape
+    torch.Size([1, 4])
+    """
     tensor = real_tensor(name, value)
     if tensor.ndim != 2 or tensor.shape[1] != 4:
         raise ValueError(f"{name}: shape must be (N, 4), got {tuple(tensor.shape)}")
@@ -176,7 +205,12 @@ def boxes(name: str, value: object) -> Tensor:
 
 
 def an_instance(name: str, value: object, kind: type) -> None:
-    """Raise ``TypeError`` unless ``value`` is a ``kind``."""
+    """Raise ``TypeError`` unless ``value`` is a ``kind``.
+
+    >>> an_instance("image", [0.5], Tensor)
+    Traceback (most recent call last):
+    TypeError: image: must be a torch.Tensor, got list
+    """
     if not isinstance(value, kind):
         must = f"{kind.__module__.partition('.')[0]}.{kind.__name__}".removeprefix("builtins.")
         raise TypeError(f"{name}: must be a {must}, got {type(value).__name__}")
@@ -209,12 +243,22 @@ def known(what: str, name: object, names: Collection[str]) -> None:
 
 
 def image_batch(name: str, value: Tensor, shape: str = "(B, C, H, W)") -> Tensor:
-    """``value``, float32 or float64 of this shape without NaN or infinity. Raises ``TypeError`` or ``ValueError``."""
+    """``value``, float32 or float64 of this shape without NaN or infinity. Raises ``TypeError`` or ``ValueError``.
+
+    >>> image_batch("image", torch.zeros(3, 4, 6))
+    Traceback (most recent call last):
+    ValueError: image: shape must be (B, C, H, W), none of them 0, got (3, 4, 6)
+    """
     return finite(name, batch_shaped(name, value, shape))
 
 
 def batch_shaped(name: str, value: Tensor, shape: str = "(B, C, H, W)") -> Tensor:
-    """:func:`image_batch` without a check of the values."""
+    """:func:`image_batch` without a check of the values.
+
+    >>> batch_shaped("image", torch.zeros(1, 3, 4, 6, dtype=torch.uint8))
+    Traceback (most recent call last):
+    TypeError: image: must be float32 or float64 (integers over full scale; ...), got torch.uint8
+    """
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor of shape {shape}, got {type(value).__name__}")
     dense(name, value)
@@ -227,7 +271,12 @@ def batch_shaped(name: str, value: Tensor, shape: str = "(B, C, H, W)") -> Tenso
 
 
 def finite(name: str, value: Tensor) -> Tensor:
-    """``value``, a float32 or float64 tensor. Raises ``ValueError`` where it holds NaN or infinity."""
+    """``value``, a float32 or float64 tensor. Raises ``ValueError`` where it holds NaN or infinity.
+
+    >>> finite("image", torch.tensor([1.0, torch.nan]))
+    Traceback (most recent call last):
+    ValueError: image: contains NaN or Inf
+    """
     # A sum is finite where all its values are, in one pass without a mask; it may also overflow, hence the second
     # test. NumPy's sum wakes no threads.
     seen = value.detach()
@@ -242,6 +291,9 @@ def limited_per_image(name: str, value: Numbers, batch: int, like: Tensor) -> Te
     """``value``, one number or one per image within the limit of its name, as a tensor (batch,) of ``like``'s kind.
 
     Gradients pass. Raises ``TypeError``, and ``ValueError`` outside the limit or for neither 1 nor ``batch`` numbers.
+
+    >>> limited_per_image("exposure_s", 0.01, batch=3, like=torch.zeros(1))
+    tensor([0.0100, 0.0100, 0.0100])
     """
     if isinstance(value, (int, float)):  # the common case, without a tensor operation per check
         return torch.full((batch,), limited(name, value), dtype=like.dtype, device=like.device)
@@ -259,7 +311,10 @@ def limited_per_image(name: str, value: Numbers, batch: int, like: Tensor) -> Te
 
 def limited_motion(name: str, motion: Tensor) -> None:
     """Raise ``ValueError`` unless vectors are within the limit of their name, else of displacement_px, or a rounding
-    beyond it."""
+    beyond it.
+
+    >>> limited_motion("displacement_px", torch.tensor([3e4, 0.0]))  # raises beyond 1e5 px
+    """
     most, moved = LIMITS.get(name, LIMITS["displacement_px"]).high, motion.detach()
     if not bool((moved.abs() <= most * (1 + 1e-6)).all()):
         longest = moved if moved.numel() <= 2 else moved.flatten()[moved.abs().argmax()]
@@ -267,7 +322,11 @@ def limited_motion(name: str, motion: Tensor) -> None:
 
 
 def real_tensor(name: str, value: object) -> Tensor:
-    """``value``, a tensor of real numbers as it is, anything else as float64. Raises ``TypeError``."""
+    """``value``, a tensor of real numbers as it is, anything else as float64. Raises ``TypeError``.
+
+    >>> real_tensor("boxes", [[1, 2]]).dtype
+    torch.float64
+    """
     try:
         tensor = value if isinstance(value, Tensor) else torch.as_tensor(value, dtype=torch.float64)
     except OverflowError:  # an integer beyond 1e308
@@ -281,7 +340,12 @@ def real_tensor(name: str, value: object) -> Tensor:
 
 
 def dense(name: str, tensor: Tensor) -> None:
-    """Raise ``TypeError`` for a tensor without values (meta, fake), or that stores them otherwise (sparse)."""
+    """Raise ``TypeError`` for a tensor without values (meta, fake), or that stores them otherwise (sparse).
+
+    >>> dense("image", torch.zeros(3, device="meta"))
+    Traceback (most recent call last):
+    TypeError: image: must be a dense tensor with values, got a meta tensor
+    """
     if kind := _without_values(tensor):
         raise TypeError(f"{name}: must be a dense tensor with values, got a {kind} tensor")
 
@@ -352,7 +416,11 @@ _MUST = {
 
 
 def within(limit: str | Limit) -> Interval:
-    """A limit, or that of an argument's name, for the annotation of a field."""
+    """A limit, or that of an argument's name, for the annotation of a field.
+
+    >>> within("lamp_duty")
+    Interval(gt=0.0, ge=None, lt=None, le=1.0)
+    """
     low, high, above = LIMITS[limit] if isinstance(limit, str) else limit
     return Interval(gt=low, le=high) if above else Interval(ge=low, le=high)
 

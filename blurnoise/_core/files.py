@@ -25,13 +25,24 @@ _LARGEST_BYTES = 1 << 20  # of a document: YAML is read at 50 kB a second
 
 
 def check_regular(path: Path) -> None:
-    """Raise ``OSError`` for a missing file, and for a directory, device or pipe, which may never end."""
+    """Raise ``OSError`` for a missing file, and for a directory, device or pipe, which may never end.
+
+    >>> check_regular(Path("."))
+    Traceback (most recent call last):
+    OSError: [Errno 22] is a folder, device or pipe; must be a file: '.'
+    """
     if not stat.S_ISREG(path.stat().st_mode):
         raise OSError(errno.EINVAL, "is a folder, device or pipe; must be a file", str(path))
 
 
 def read_bytes(path: Path, largest: int = LARGEST_TEXT_BYTES) -> bytes:
-    """The content of a regular file. Raises ``OSError``, and ``ValueError`` above ``largest`` bytes."""
+    """The content of a regular file. Raises ``OSError``, and ``ValueError`` above ``largest`` bytes.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> path.write_bytes(b"abc") and read_bytes(path)
+    b'abc'
+    """
     check_regular(path)
     with path.open("rb") as file:
         held = os.fstat(file.fileno()).st_size
@@ -42,7 +53,13 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT_BYTES) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """:func:`text_of` a file. Raises ``OSError``, and ``ValueError`` that names it."""
+    """:func:`text_of` a file. Raises ``OSError``, and ``ValueError`` that names it.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> path.write_bytes(b"1,2\\r\\n") and read_text(path)
+    '1,2\\n'
+    """
     try:
         return text_of(read_bytes(path))
     except ValueError as error:
@@ -66,6 +83,11 @@ def read_document(path: Path) -> Any:
     """The content of a file of at most 1 MiB, JSON by its suffix .json, else YAML.
 
     Raises ``OSError``, and ``ValueError`` of one line.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.yaml"
+    >>> path.write_text("{width: 3}") and read_document(path)
+    {'width': 3}
     """
     text = read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig")
     note_inputs([path])
@@ -73,7 +95,11 @@ def read_document(path: Path) -> Any:
 
 
 def json_of(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
-    """``text`` as JSON; pairs: makes each object from its keys and values. Raises ``ValueError`` of one line."""
+    """``text`` as JSON; pairs: makes each object from its keys and values. Raises ``ValueError`` of one line.
+
+    >>> json_of('{"width": 3}')
+    {'width': 3}
+    """
     try:
         return json.loads(text, object_pairs_hook=pairs)
     except RecursionError:
@@ -160,6 +186,11 @@ def read_samples(path: str | Path, column: int, position: str) -> tuple[tuple[fl
     position: what column 0 holds, for messages.
 
     Raises ``ValueError`` that names the file and line when a row does not hold numbers, or for fewer than two.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "curve.csv"
+    >>> path.write_text("nm,share\\n700,0.1\\n400,0.5\\n") and read_samples(path, 1, "a wavelength in nm")
+    ((400.0, 700.0), (0.5, 0.1))
     """
     samples: list[tuple[float, float]] = []
     note_inputs([Path(path)])

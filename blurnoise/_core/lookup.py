@@ -39,7 +39,13 @@ def look_up(table: Tensor, dn: Tensor) -> Tensor:
 
 
 def look_up_codes(table: NDArray[Any], codes: NDArray[np.uint16], out: NDArray[Any]) -> None:
-    """Write the value for each code of 16 bits, of a table of all of them, to ``out``."""
+    """Write the value for each code of 16 bits, of a table of all of them, to ``out``.
+
+    >>> table, out = (np.arange(65_536) // 256).astype(np.uint8), np.empty((1, 2), np.uint8)
+    >>> look_up_codes(table, np.array([[255, 65_535]], np.uint16), out)
+    >>> out.tolist()
+    [[0, 255]]
+    """
     if _LOOKS_UP_16_BITS and codes.shape[1] > 1:  # the strides of a single pixel are no layout of OpenCV's
         cv2.LUT(codes, table[None], dst=out)
     else:

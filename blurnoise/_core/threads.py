@@ -40,22 +40,41 @@ if hasattr(os, "register_at_fork"):
 
 
 def differentiable(*tensors: Tensor) -> bool:
-    """Whether results computed from the tensors now carry gradients."""
+    """Whether results computed from the tensors now carry gradients.
+
+    >>> weight = torch.ones(1, requires_grad=True)
+    >>> with torch.no_grad():
+    ...     inside = differentiable(weight)
+    >>> differentiable(weight), inside
+    (True, False)
+    """
     return torch.is_grad_enabled() and any(tensor.requires_grad for tensor in tensors)
 
 
 def plain(*tensors: Tensor) -> bool:
-    """Whether NumPy and OpenCV can process the tensors: on the CPU, without gradients."""
+    """Whether NumPy and OpenCV can process the tensors: on the CPU, without gradients.
+
+    >>> plain(torch.ones(1)), plain(torch.ones(1, requires_grad=True))
+    (True, False)
+    """
     return tensors[0].device.type == "cpu" and not differentiable(*tensors)
 
 
 def threads_for(picture: Tensor) -> int:
-    """Number of threads: torch's, or one for work that is shorter than waking others."""
+    """Number of threads: torch's, or one for work that is shorter than waking others.
+
+    >>> threads_for(torch.zeros(8, 8))  # waking others takes longer
+    1
+    """
     return torch.get_num_threads() if picture.numel() >= WORTH_IT else 1
 
 
 def no_torch_compile(function: Callable[P, R]) -> Callable[P, R]:
-    """``function``, which ``torch.compile`` leaves alone: threads, seeds and plans are Python."""
+    """``function``, which ``torch.compile`` leaves alone: threads, seeds and plans are Python.
+
+    >>> no_torch_compile(lambda light: light + 1)(torch.ones(1))
+    tensor([2.])
+    """
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -73,6 +92,11 @@ def same_bits(function: Callable[P, Tensor]) -> Callable[P, Tensor]:
     ``torch.compile`` leaves it alone: threads, seeds and plans are Python. Where a result carries gradients, they are
     those of the differentiable route, which rounds elsewhere and also models what is negligible; the values are those
     of the route without gradients.
+
+    >>> root = same_bits(torch.sqrt)
+    >>> with_gradient = root(torch.tensor([2.0], requires_grad=True))
+    >>> bool(with_gradient.requires_grad), bool((with_gradient == root(torch.tensor([2.0]))).all())
+    (True, True)
     """
 
     @no_torch_compile
@@ -144,6 +168,12 @@ def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: in
 
 
 def in_pieces(work: Callable[[slice], object], values: int, threads: int) -> None:
-    """``work(piece)`` for consecutive slices of ``values`` values, so that what it makes stays in the cache."""
+    """``work(piece)`` for consecutive slices of ``values`` values, so that what it makes stays in the cache.
+
+    >>> pieces = []
+    >>> in_pieces(pieces.append, 300_000, threads=1)
+    >>> [piece.stop - piece.start for piece in pieces]
+    [131072, 131072, 131072]
+    """
     pieces = [slice(start, start + _PIECE) for start in range(0, values, _PIECE)]
     side_by_side(work, pieces, threads if values >= WORTH_IT else 1)

@@ -42,6 +42,13 @@ class Writing:
 
     overwrite: also plain files that blurnoise did not write. inputs: files that it reads. made: files that it wrote
     where none was, in order.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> with writing() as command:
+    ...     write_whole(path, b"one")
+    >>> [made.name for made in command.made]
+    ['a.txt']
     """
 
     overwrite: bool = False
@@ -76,7 +83,16 @@ _WRITING: ContextVar[Writing | None] = ContextVar("writing", default=None)
 
 @contextmanager
 def writing(*, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Iterator[Writing]:
-    """Group writes as one command; calls may nest. inputs: files that are never replaced."""
+    """Group writes as one command; calls may nest. inputs: files that are never replaced.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> path.write_text("mine") and None
+    >>> with writing(overwrite=True):
+    ...     write_whole(path, b"ours")
+    >>> path.read_text()
+    'ours'
+    """
     outer = _WRITING.get()
     own = Writing(overwrite) if outer is None else outer
     before, own.overwrite = own.overwrite, own.overwrite or overwrite
@@ -118,6 +134,13 @@ def written_whole(path: Path) -> Iterator[Path]:
     one only. Devices and pipes are written to. If anything fails, nothing is left behind. Several writers of one path
     do not disturb each other: the last content stays. Raises ``OSError`` that names
     ``path``.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> with written_whole(path) as unfinished:
+    ...     _, before = unfinished.write_text("whole"), path.exists()
+    >>> before, path.read_text()
+    (False, 'whole')
     """
     target = Path(os.path.realpath(path)) if path.is_dir() else check_replaceable(path)
     unfinished = _beside(target or Path(tempfile.gettempdir()) / path.name)
@@ -139,7 +162,11 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def check_writable(path: Path) -> None:
-    """Raise ``OSError`` where ``path`` cannot be written, before anything is computed for it."""
+    """Raise ``OSError`` where ``path`` cannot be written, before anything is computed for it.
+
+    >>> import tempfile
+    >>> check_writable(Path(tempfile.mkdtemp()) / "a.txt")  # raises where it could not be written
+    """
     with _naming(path):
         target = check_replaceable(path)
         if target is None:
@@ -150,7 +177,11 @@ def check_writable(path: Path) -> None:
 
 
 def check_writable_folder(folder: Path) -> None:
-    """Raise ``OSError`` where no file can be written to the folder, or its nearest parent if it is not there yet."""
+    """Raise ``OSError`` where no file can be written to the folder, or its nearest parent if it is not there yet.
+
+    >>> import tempfile
+    >>> check_writable_folder(Path(tempfile.mkdtemp()) / "new" / "folder")  # raises where it could not be made
+    """
     with _naming(folder):
         _probe(next(each for each in (folder, *folder.absolute().parents) if each.exists()))
 
@@ -160,6 +191,12 @@ def check_replaceable(path: Path, new: Path | None = None) -> Path | None:
 
     Raises ``OSError`` for a folder, an input of the command, and a file that blurnoise did not write or that has
     changed since. A command that overwrites replaces this, too, by a file of the same kind. new: what replaces it.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> write_whole(path, b"one")
+    >>> check_replaceable(path).name  # blurnoise wrote it, and nobody has changed it since
+    'a.txt'
     """
     with _naming(path):
         own = _WRITING.get() or Writing()
@@ -204,7 +241,15 @@ def check_own_folder(folder: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Delete a file that :func:`write_whole` could replace; it may be missing. Raises ``OSError``."""
+    """Delete a file that :func:`write_whole` could replace; it may be missing. Raises ``OSError``.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> write_whole(path, b"one")
+    >>> remove(path)
+    >>> path.exists()
+    False
+    """
     if path.exists() and (target := check_replaceable(path)):
         target.unlink(missing_ok=True)
 

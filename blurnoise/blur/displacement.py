@@ -61,6 +61,7 @@ class Readout:
         readout_s = last * abs(self.row_s)
         later = tau + readout_s / 2
         start = np.full_like(later, -(self.exposure_s + readout_s / 2) / 2)
+        # Centred, so that time 0 stays mid-exposure of the middle row.
         return start, start + self.exposure_s + later
 
     @property
@@ -210,6 +211,7 @@ class Displacement:
         known, knots = self.path_track
         places = torch.from_numpy(np.stack([np.interp(at, known, along) for along in knots], 1))
         lasting_s = self.readout.exposure_s
+        # The gradient by the exposure: its window's ends move, and with them the points of the path that are seen.
         if not lasting_s or not differentiable(self.exposure_s):
             return places
         during, _ = self.path.window(-lasting_s / 2, lasting_s / 2)
@@ -265,6 +267,7 @@ class Displacement:
         gone = sums(np.abs(np.diff(self.track[1])))
         starts, stops = self.readout.windows_s
         ends = (np.stack([np.interp(at, self.track[0], each) for each in gone]) for at in (stops, starts))
+        # In n parts each axis moves by 1/n, so their product falls with n squared.
         return max(1, math.ceil(math.sqrt(float(np.subtract(*ends).prod(0).max()) / _AT_ONCE_PX2)))
 
     def mean_px(self, rows: Floats) -> Floats:
@@ -292,6 +295,7 @@ class Displacement:
         far = rows - rows.clip(
             -2 * reach, self.readout.rows + 2 * reach
         )  # all rows beyond move as the nearest one
+        # Only rows near the picture are searched: boxes may lie anywhere.
         rows = rows - far
         grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
         seen: Floats = far + np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
@@ -309,6 +313,7 @@ class Displacement:
         down = 1 if self.readout.row_s > 0 else -1
         starts, stops = (each[::down] for each in self.readout.windows_s)
         rows, outside = np.arange(self.readout.rows)[::down], math.inf * down
+        # At each time the rows from the first whose exposure is not over, to the last one that has begun.
         over = np.where(times <= stops[0], -outside, np.interp(times, stops, rows))
         begun = np.where(times >= starts[-1], outside, np.interp(times, starts, rows))
         first, last = np.minimum(over, begun), np.maximum(over, begun)

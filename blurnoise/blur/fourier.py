@@ -103,6 +103,15 @@ class Response(ABC):
     """Transfer functions by which a picture, or each of a batch, is blurred; ``str`` names the parameter in errors.
 
     weights: (n, H, W) of the blur by each of n, at every pixel, in their sum; None where there is one.
+
+    >>> class Half(Response):  # of all frequencies
+    ...     variable, reach_px = torch.empty(0), (1.0, 1.0)
+    ...     def packed(self, lengths, kind):
+    ...         return [np.full(lengths, 0.5 / math.prod(lengths), kind)]
+    ...     def at(self, lengths, image):
+    ...         return [torch.tensor(0.5)]
+    >>> float(apply(torch.ones(1, 1, 8, 8), Half(), "reflect")[0, 0, 4, 4].round(decimals=4))
+    0.5
     """
 
     weights: Plane | None = None
@@ -155,6 +164,7 @@ def _work(layout: Layout) -> float:
 def _axis(size: int, margin: int, count: int, border: Border) -> FrequencyAxis:
     if count == 1 and border == "circular":
         return FrequencyAxis(size, size, 0, size)
+    # Reflected there and back a picture is periodic: one period serves however long the blur is.
     if count == 1 and border == "reflect" and 2 * margin > 2 * size:
         return FrequencyAxis(size, size, 0, max(1, 2 * size - 2))
     core = math.ceil(size / count)
@@ -216,6 +226,7 @@ def apply(
     limited_plane(f"{response}: border {border!r} needs", y.span, x.span)
     if out is None:
         out = torch.empty_like(image, memory_format=torch.contiguous_format)
+    # Of a blur along one axis the other needs no transform, which saves half of the time.
     along_rows = len(layout.dims) == 1 and response.weights is None
     if layout.packs and plain(image, response.variable) and (along_rows or len(layout.dims) == 2):
         for picture, target in zip(image.detach().numpy(), out.detach().numpy(), strict=True):
@@ -274,6 +285,7 @@ def _rows(
     (channels, height, _), kind = sources.shape, sources.dtype
     x = layout.x if -1 in layout.dims else layout.y
     strip = min(height, max(1, _STRIP // x.span))
+    # Repeated once for all strips: OpenCV's product of a path takes factors as large as the spectrum.
     factors = np.repeat(response.packed(layout.lengths, kind)[0], strip, axis=0)
 
     def blur(job: tuple[int, int]) -> None:
@@ -342,6 +354,7 @@ def pack(response: Plane) -> Plane:
     out = np.empty((len(response), 2 * response.shape[1] - 2), response.dtype)
     out[:, 1:-1:2] = out[:, 2:-1:2] = response[:, 1:-1]
     down = (np.arange(len(response)) + 1) // 2
+    # The first and the last column are real transforms of a column, and so packed downwards as rows are.
     out[:, 0], out[:, -1] = response[down, 0], response[down, -1]
     out /= out.size
     return out
@@ -437,6 +450,7 @@ def joined(motion: Callable[[Any, Any], _Array], fx: _Array, fy: _Array, lengths
         values = motion(fx, fy)
         rows, alias, weight = near(fy, lengths[0])
         if len(alias):
+            # First along y, then along x of what that gives: corners of the band meet the aliases of both axes.
             values[..., rows, :] += weight[:, None] * (motion(fx, alias) - values[..., rows, :])
         return values
 

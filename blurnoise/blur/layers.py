@@ -44,6 +44,7 @@ from blurnoise.blur.displacement import Displacement, Readout, spread_px
 from blurnoise.blur.sub_exposures import MovingPlane
 from blurnoise.camera.transfer import SHARP
 
+# As the largest side of a picture, see _core.checks: beyond it a layer can only be a mistake.
 _PLACE_PX = 1 << 20
 _LONGEST_PX = 4096.0  # of a motion that is cut into sub-exposures
 _FAINT = 1e-3  # share of a pixel below which an object has no colour
@@ -197,7 +198,13 @@ def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
 def exposed(
     background: Tensor, layers: Sequence[Layer], moves: Displacement, border: Border = "reflect"
 ) -> Tensor:
-    """:func:`expose_layers` of one picture (1, C, H, W); moves: the background's, before any camera."""
+    """:func:`expose_layers` of one picture (1, C, H, W); moves: the background's, before any camera.
+
+    >>> sign = Layer(torch.ones(1, 3, 4), torch.ones(3, 4), velocity_px_s=(300.0, 0.0), place_px=(5, 2))
+    >>> still = Displacement(torch.zeros(2), torch.tensor(0.01), Readout(8, 0.0, 0.01))
+    >>> round(float(exposed(torch.zeros(1, 1, 8, 14), [sign], still).sum()), 1)  # light of 12 px, spread by 3 px
+    12.0
+    """
     size = (background.shape[-2], background.shape[-1])
     groups: list[_Alike] = []
     for layer in map(trimmed, layers):
@@ -208,6 +215,7 @@ def exposed(
         if window.height > 0 and window.width > 0:
             groups.append(_Alike((layer,), own, window))
     ground = background
+    # An object that moves with the background hides the same part of it throughout: the two are one picture.
     while groups and groups[0].moves.moves_like(moves):  # it is part of the background
         (layer,), _, window = groups.pop(0)
         rest = window if border == "circular" else layer.window.clipped(size)
@@ -255,6 +263,7 @@ def _blurred(own: _Alike, window: Window, like: Tensor, border: Border) -> tuple
     if moves.readout.row_s and not moves.still:
         seen = sub_exposures.exposed(MovingPlane(plane[0], moves, work.top, work.left), window)[None]
     else:
+        # The window holds all that the motion reaches, so that what wraps round is 0.
         seen = cut(moved(plane, moves, "circular"), work, window)
     return seen[:, :-1], seen[:, -1:].clamp(0, 1)
 
@@ -282,6 +291,7 @@ def _sub_exposed(
     front = group[-1]
     for each in group:
         plane = plane_of(each.layers, work, ground, border)[0]
+        # Only the background's visible share needs sub-exposures; the front layer's own blur is exact without them.
         if each is front and not front.moves.each_row_differs:  # its light is added below
             plane = plane[-1:]
         planes.append(MovingPlane(plane, each.moves, work.top, work.left))

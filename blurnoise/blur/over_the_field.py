@@ -88,11 +88,13 @@ def discs(least_px: float, most_px: float, tolerance: float = TOLERANCE) -> tupl
     >>> discs(2.0, 2.0), len(discs(0.0, 2.0))
     ((2.0,), 7)
     """
+    # The error of a blend is an integral over the band, by Parseval's theorem: no picture is needed to find it.
     f, share = np.polynomial.legendre.leggauss(
         _NODES
     )  # over [-1, 1]; the band's quarter is [0, 1/2] both ways
     band = torch.from_numpy(np.hypot(f + 1, f[:, None] + 1).ravel() / 4)
     shares = np.outer(share, share).ravel() / 4
+    # The error is largest between two discs: radii so dense that none of its maxima is missed.
     seen = np.linspace(least_px**2, most_px**2, 4 * math.ceil(most_px - least_px) + 33)
     exact = _of_discs(np.sqrt(seen), band)
     for count in range(1, _MOST + 1):

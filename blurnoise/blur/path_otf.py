@@ -26,6 +26,7 @@ _LEAST_PX = 64  # side of the small grid
 _ROOM_PX = 32  # of the band-limited ends, both together
 _LARGE = 1 << 20  # values of a small grid
 _AT_ONCE = 1 << 12  # pieces of a path
+# Nodes fill half a gigabyte, points are laid on them one by one: a longer path is a mistake, and is refused.
 _MOST_POINTS, _MOST_NODES = 1 << 24, 1 << 26
 _PLACES, _WEIGHTS = (torch.from_numpy(each) / 2 for each in np.polynomial.legendre.leggauss(6))
 """Points of a piece of at most a pixel: they err by 4e-8 at half a cycle per pixel both ways."""
@@ -89,6 +90,7 @@ def _packed(
     """A path's transfer function on a tile, packed and divided by its size; not to be written to."""
     places = torch.frombuffer(bytearray(knots), dtype=torch.float64).reshape(2, -1)
     spread = spread_in(lengths, places, torch.frombuffer(bytearray(shares), dtype=torch.float64)).numpy()
+    # OpenCV's transforms are not scaled: the division by the size is done once, here.
     spectrum: Plane = cv2.dft((spread / spread.size).astype(kind))
     if optics != SHARP:
         spectrum *= fourier.lens_factors(optics, lengths, kind) * spectrum.size
@@ -110,6 +112,7 @@ def spread_in(lengths: tuple[int, int], knots_px: Tensor, shares: Tensor) -> Ten
         for reach in knots_px.detach().abs().amax(1).tolist()
     )
     sides = height, width
+    # A grid smaller than the tile is cheaper to make; of a long path it would be larger, and then the tile serves.
     if height * width > max(_LARGE, math.prod(lengths)):
         sides = max(2, lengths[0]), max(2, lengths[1])
     fy, fx = (torch.from_numpy(f) for f in fourier.frequencies(sides))
@@ -137,6 +140,7 @@ def transfer_on(
     0.0
     """
     height, width = sides
+    # Over a piece of at most a pixel a wave turns by half a cycle: six points integrate that.
     step = knots_px.diff()
     pieces = step.detach().norm(dim=0).ceil().clamp_min(1).long()
     ends = pieces.cumsum(0)
@@ -158,6 +162,7 @@ def transfer_on(
         nearest = (place.detach() - _WIDTH / 2).ceil()
         columns, rows = (nearest.long() + taps) % grid
         across, down = _window((nearest + taps - place) * (2 / _WIDTH))
+        # Each point carries the light of its time, so that slow parts of the path are brighter.
         weight = (shares[of] / pieces[of])[:, None, None] * _WEIGHTS[:, None] * down
         laid = weight[..., :, None] * across[..., None, :]
         plane.index_add_(

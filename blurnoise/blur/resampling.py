@@ -57,10 +57,12 @@ def sampled(image: Tensor, x: Floats, y: Floats, border: Border) -> Tensor:
     height, width = image.shape[-2:]
     spans = (fourier.fast_length(height + 2 * _MARGIN), fourier.fast_length(width + 2 * _MARGIN))
     across, down = _folded(x, width, border) + _MARGIN, _folded(y, height, border) + _MARGIN
+    # The prefilter wraps round, so the margin also keeps its two ends apart.
     plane = extended(image, (_MARGIN, _MARGIN), spans, border)
     plane = fourier.apply(plane, _Prefilter(), "circular", tiled=False, threads=threads_for(image))
     rows = max(1, _STRIP // x.shape[1])
     strips = [slice(top, top + rows) for top in range(0, len(x), rows)]
+    # cv2.remap takes positions in single precision only.
     if not (plain(image) and image.dtype == torch.float32 and _remaps_exactly()):
         parts = []
         for strip in strips:

@@ -90,6 +90,7 @@ def rolled(light: Tensor, moves: Displacement, border: Border) -> Tensor:
     across, down = ((velocity.detach() * row_s).abs() * (height - 1) / 2 + moved.detach().abs() / 2).tolist()
     places, shift_px = -velocity[1] * tau, velocity[0] * tau
     on_numpy = plain(light, moved, moves.exposure_s)
+    # Motion along rows keeps each row to itself: blur and displacement are one product in one transform of rows.
     if on_numpy and down <= STILL_PX:
         return shifted_rows(light, shift_px, border, float(moved[0]))
     if on_numpy and across <= STILL_PX and float(moved[1].abs()) <= _LONGEST_TAPS_PX:
@@ -134,10 +135,12 @@ def _at_once(
         # From OpenCV's packing to complex numbers in place, with no copy of the plane.
         waves[:, 0] = waves[:, 1]
         waves[:, [1, -1]] = 0
+        # Down the columns of the rows' spectra: a transform over both axes, stopped half-way.
         spectra = fft(waves.view(wave), axis=0, overwrite_x=True)
         spectra *= response
         spectra = ifft(spectra, axis=0, overwrite_x=True).view(kind)
         for rows, needed, band in bands:
+            # A row of the picture is a mean of twelve rows of the blurred one, and so are their spectra.
             np.matmul(band, spectra[needed], out=seen[rows])
         moved = seen.view(wave)
         np.multiply(moved, phases, out=moved)
@@ -385,6 +388,7 @@ def row_responses(
         knot = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
         return np.asarray(whole[knot] + segment(x_px[knot], np.interp(at, time, x_px), at - time[knot]))
 
+    # Rows whose exposure has no length are seen at once; the tiny number only avoids 0 / 0.
     lasting = np.maximum(stops - starts, 1e-300)
     return (until(stops) - until(starts)) / lasting[:, None]
 

@@ -62,6 +62,7 @@ class Camera:
     @property
     def optics(self) -> Optics:
         """The lens's blur that acts through its transfer function."""
+        # Lenses have lengths on the sensor, transfer functions are per pixel: the pitch is between them.
         lens, pitch_um = self.lens, self.sensor.pixel_pitch_um
         return Optics(
             defocus_radius_px=0.0 if lens.defocus_counts_pixel else lens.defocus_radius_px,

@@ -81,6 +81,7 @@ def read(path: Path) -> Any:
     >>> read(file)
     {'name': 'mine', 'base': 'imx250', 'f_number': 2.8}
     """
+    # The suffix is checked first: a wrong one should be the message even where the file is missing.
     kind = _kind(path)
     try:
         values = read_document(path)
@@ -93,6 +94,12 @@ def completed(given: object, presets: Mapping[str, Any], source: str, folder: Pa
     """The fields of a camera from ``given`` and its base preset, each figure with a source.
 
     source: of figures without one. folder: where the paths of tables start. Raises ``TypeError`` or ``ValueError``.
+
+    >>> from blurnoise import Camera
+    >>> presets = {"imx250": Camera.preset("imx250")}
+    >>> values = completed({"name": "mine", "base": "imx250", "f_number": 2.8}, presets, "measured", Path("."))
+    >>> values["lens"].f_number, values["sources"]["f_number"]
+    (2.8, 'measured')
     """
     if not isinstance(given, Mapping):
         raise TypeError(f"camera: must map fields to values, got {type(given).__name__}")
@@ -116,6 +123,7 @@ def completed(given: object, presets: Mapping[str, Any], source: str, folder: Pa
     if isinstance(own := given.get("sources", {}), Mapping):  # Camera refuses anything else
         sources = base["sources"] | {name: source for name in figures if name in given} | dict(own)
         own, curves = sources["quantum_efficiency"], given.get("quantum_efficiency")
+        # Beyond its ends a curve counts as 0: readers of the source should know what that may cost.
         mark = marked(values["quantum_efficiency"]) if isinstance(curves, Mapping) else ""
         if mark and isinstance(own, str) and mark not in own:
             sources["quantum_efficiency"] = f"{own}; marked: {mark}"
@@ -140,7 +148,14 @@ def flat(camera: Any) -> dict[str, Any]:
 
 
 def write(path: Path, values: Mapping[str, object]) -> None:
-    """Write a camera file, whole or not at all. Raises ``ValueError`` for another suffix, ``OSError``."""
+    """Write a camera file, whole or not at all. Raises ``ValueError`` for another suffix, ``OSError``.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "mine.json"
+    >>> write(path, {"name": "mine"})
+    >>> path.read_text()
+    '{\\n "name": "mine"\\n}\\n'
+    """
     if _kind(path) == "JSON":
         text = json.dumps(values, indent=1, ensure_ascii=False) + "\n"
     else:

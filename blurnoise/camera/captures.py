@@ -84,6 +84,7 @@ def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float,
         allowed = (start_s, taken_s) == (begun_s, lasted_s)  # one exposure, read at two gains
         allowed |= captures[second].sensitivity != captures[first].sensitivity
         gap_s = max(start_s - begun_s - lasted_s, begun_s - start_s - taken_s)
+        # A pixel gathers light for one capture at a time.
         if not allowed and gap_s < -_ROUNDING * exposure_s:
             raise ValueError(
                 f"captures: number {second + 1}, {1e3 * start_s:g} to {1e3 * (start_s + taken_s):g} ms, overlaps "

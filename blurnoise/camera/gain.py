@@ -107,6 +107,7 @@ def measured(at_0_db: MeasuredGain, gains: Sequence[MeasuredGain], gain_db: floa
                 low.read_noise_e ** (1 - over) * high.read_noise_e**over,
                 low.black_level_dn + over * (high.black_level_dn - low.black_level_dn),
             )
+    # Nothing was measured beyond: K follows the amplifier's law, and what else there is stays.
     factor = 10 ** ((gain_db - rows[-1].gain_db) / 20)
     return replace(rows[-1], gain_db=gain_db, system_gain_dn_per_e=rows[-1].system_gain_dn_per_e * factor)
 

@@ -27,6 +27,7 @@ from blurnoise.camera.colour import FilterCurves, Row
 from blurnoise.camera.spectra import Curve, check_illuminant, infrared_share, photons_per_lux_s_um2
 
 BANDS_NM = ((580.0, 700.0), (490.0, 580.0), (400.0, 490.0))  # red, green and blue of a picture
+# Of clear: the difference that RCCB takes for green carries the noise of three filters, magnified by its inverse.
 _LEAST_GREEN = 0.05
 Number = TypeVar("Number", float, Tensor)
 _MOST_DOUBLINGS, _MOST_E = 100.0, 1e15  # single precision holds their products
@@ -191,6 +192,7 @@ def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") ->
         return out
     for site, of_site in enumerate(weights(camera, illuminant)):
         y, x = divmod(site, 2)
+        # Only the light that this site sees: a fourth of the work of three planes for every site.
         to[:, 0, y::2, x::2] = _weighted(source[..., y::2, x::2], of_site).clip(min=0.0)
     return out
 
@@ -206,6 +208,7 @@ def weights(camera: Camera, illuminant: str | Curve = "D55") -> tuple[Row, ...]:
     if camera.sensor.cfa == "mono":
         return (colour_shares(camera, illuminant),)
     electrons = filter_electrons(camera, illuminant)
+    # White is 1 behind the strongest filter, whose pixels saturate first.
     most = max(electrons.values()) or 1.0
     red, green, blue = (np.array(row) for row in colour.inverse(camera.isp.ccm))
     rows = {"R": red, "G": green, "B": blue}

@@ -164,6 +164,7 @@ class Sensor:
     @property
     def clip_dn(self) -> float:
         """Mean digital number of saturated pixels, before read noise: full scale, or the full well's if lower."""
+        # Rounded: where K is full scale over the full well, their product may miss full scale by a last digit.
         well_dn = round(self.full_well_e * self.system_gain_dn_per_e + self.black_level_dn)
         return min(self.full_scale_dn, well_dn)
 

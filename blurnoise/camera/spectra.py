@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import check_fields, in_range, limited, shown
 from blurnoise._core.files import read_samples
 
+# Exact by the definitions of the SI, the 683 lm/W at 540 THz included.
 PLANCK_J_S = 6.62607015e-34
 LIGHT_M_S = 299_792_458.0
 BOLTZMANN_J_K = 1.380649e-23
@@ -67,7 +68,13 @@ class Curve:
 
 
 def check_samples(name: str, positions: Sequence[float], values: Sequence[float]) -> None:
-    """Raise ``ValueError`` unless there are two samples or more, at positions from 0 to 1e6 that increase."""
+    """Raise ``ValueError`` unless there are two samples or more, at positions from 0 to 1e6 that increase.
+
+    >>> check_samples("heights", (0.0, 0.5, 0.5), (1.0, 0.9, 0.8))
+    Traceback (most recent call last):
+        ...
+    ValueError: heights = (0.0, 0.5, 0.5): must be >= 0 and increase
+    """
     if len(positions) != len(values) or len(positions) < 2:
         got = f"{len(positions)} and {len(values)}"
         raise ValueError(f"{name}, values: must be as many, at least 2, got {got}")
@@ -80,7 +87,10 @@ Spectrum = float | Curve  # a number holds over the whole integration band
 
 
 def check_shares(name: str, curve: Spectrum) -> None:
-    """Raise ``TypeError`` or ``ValueError`` unless all values lie within [0, 1]."""
+    """Raise ``TypeError`` or ``ValueError`` unless all values lie within [0, 1].
+
+    >>> check_shares("quantum_efficiency", 0.6)  # raises beyond 1
+    """
     for value in curve.values if isinstance(curve, Curve) else (curve,):
         in_range(name, value, 0.0, 1.0)
 
@@ -246,6 +256,7 @@ def _integral(factors: Sequence[Spectrum], band_nm: tuple[float, float], power_o
     high = min(band_nm[1], *(curve.wavelengths_nm[-1] for curve in curves))
     if low >= high:
         return 0.0
+    # A grid of its own for each band, so that ends between two whole nm count to the full.
     nm = np.linspace(low, high, math.ceil(high - low) + 1)
     product = nm**power_of_nm
     for factor in factors:

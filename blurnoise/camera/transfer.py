@@ -67,6 +67,7 @@ def disc(f: Tensor, radius_px: float) -> Tensor:
     tensor([1.0000, 0.5000])
     """
     x = (2 * math.pi * radius_px * f).abs().clamp_min(1e-20)
+    # Near 0 the quotient loses digits; the next term of the series, x^4 / 192, is below 1e-18 there.
     return torch.where(x < 1e-4, 1 - x * x / 8, 2 * torch.special.bessel_j1(x) / x)
 
 
@@ -165,6 +166,7 @@ def _reach_px(curve: Mtf) -> float:
     f = torch.fft.fftfreq(256, dtype=torch.float64)
     spread = torch.fft.irfft2(curve.at(torch.hypot(f[:, None], f[:129].abs())), s=(256, 256))
     radius = torch.hypot(f[:, None] * 256, f * 256).flatten()
+    # From the outside in, until the light that is cut off would show.
     order = radius.argsort(descending=True)
     outside = spread.flatten()[order].square().cumsum(0).sqrt() / 2
     return float(radius[order][int((outside <= 1e-4).sum().clamp_max(len(order) - 1))])

@@ -31,6 +31,12 @@ class Lamp(LightEffect):
 
     Each row sees the lamp while it is exposed; ``at.windows_s`` says when, so that the lamp runs on from row to row
     and from capture to capture. The phase refers to the start of the first row of the first capture.
+
+    >>> from blurnoise import Camera, Pwm
+    >>> when = {"lamps": (Pwm(90.0, 0.1),), "windows_s": ((0.0, 0.001),)}
+    >>> at = Resolved(Camera.preset("imx250"), 0.001, 25.0, white_e=1000.0, **when)
+    >>> round(LAMP.bound(at), 3)  # an exposure within a pulse has ten times the mean light, nine times too much
+    9.0
     """
 
     name = "pulsed lamp"
@@ -77,7 +83,13 @@ class Lamp(LightEffect):
 
 
 class LaterCapture(LightEffect):
-    """The motion of the scene between the middle of the first capture and the middle of this one."""
+    """The motion of the scene between the middle of the first capture and the middle of this one.
+
+    >>> from blurnoise import Camera
+    >>> moved_on = Shift(later_s=0.01, path_px=(0.0, 0.0), scene_px=(3.0, 0.0))
+    >>> LATER_CAPTURE.how(Resolved(Camera.preset("imx250"), 0.001, 25.0, 1000.0, shift=moved_on))
+    'displaced by +3, +0 px since the first capture'
+    """
 
     name = "motion between captures"
     essential = True
@@ -129,7 +141,11 @@ def _factors(light: Tensor, at: Resolved[Tensor], item: int) -> Tensor | float:
 
 
 def checked_mask(mask: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
-    """A lamp's mask (H, W) or (B, H, W) within [0, 1] as (B, H, W). Raises ``TypeError`` or ``ValueError``."""
+    """A lamp's mask (H, W) or (B, H, W) within [0, 1] as (B, H, W). Raises ``TypeError`` or ``ValueError``.
+
+    >>> checked_mask(torch.ones(4, 6), batch=2, size=(4, 6)).shape
+    torch.Size([2, 4, 6])
+    """
     mask = real_tensor("lamp_mask", mask)
     if mask.shape not in (size, (batch, *size)):
         raise ValueError(f"lamp_mask: shape is {tuple(mask.shape)}; must be the picture's, {size}")
@@ -139,7 +155,12 @@ def checked_mask(mask: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
 
 
 def displaced(layer: Layer, shift_px: Tensor) -> Layer:
-    """The layer displaced by (x, y) px, whole or not; nothing is beyond its sides."""
+    """The layer displaced by (x, y) px, whole or not; nothing is beyond its sides.
+
+    >>> post = Layer(torch.ones(1, 4, 2), torch.ones(4, 2), place_px=(10, 5))
+    >>> displaced(post, torch.tensor([3.0, 0.0])).place_px  # 3 px to the right, with a margin of 8 px
+    (5, -3)
+    """
     shift = shift_px.detach()
     if not bool((shift != 0).any()):
         return layer

@@ -25,6 +25,10 @@ class Blur(NamedTuple):
     """A blur that is the same everywhere: by the lens, and by motion (B, 2), px, or None.
 
     paths: (B,), paths of pictures that do not move straight, in place of their motion; () if all move straight.
+
+    >>> import torch
+    >>> Blur(displacement_px=torch.tensor([[3.0, 0.0]])).optics == SHARP  # motion alone
+    True
     """
 
     optics: Optics = SHARP
@@ -39,6 +43,15 @@ class LightEffect(ABC):
     effect. essential: the effect is never omitted, however small, since it is part of the scene. of_scene: the effect
     changes the scene before the lens, so that it decides how bright the brightest surface is. For a camera for which
     it is :meth:`idle`, only :meth:`key` is called.
+
+    >>> class Fog(LightEffect):
+    ...     name = "fog"
+    ...     def bound(self, at):
+    ...         return 0.1  # of white, in a black picture
+    ...     def apply(self, light, at, border):
+    ...         return 0.9 * light + 0.1
+    >>> Fog().how(at=None), Fog().idle(Camera.preset("imx250"))
+    ('light in, light out', False)
     """
 
     name: str

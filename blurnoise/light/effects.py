@@ -34,6 +34,12 @@ def scene_at(
     """The scene during one capture: its light (B, C, H, W), and the conditions with its layers.
 
     Returns ``light`` itself if no effect changes it.
+
+    >>> scene = torch.full((1, 1, 4, 6), 0.5)
+    >>> one = torch.ones(1)
+    >>> at = Resolved(Camera.preset("imx250"), 0.01 * one, 25 * one, 1000 * one, torch.zeros(1, 2))
+    >>> scene_at(scene, at)[0] is scene  # no pulsed lamp, and no earlier capture
+    True
     """
     return _applied(light, at, border, [effect for effect in EFFECTS if effect.of_scene])
 
@@ -48,6 +54,11 @@ def through(
     """Light (B, C, H, W) of the scene after lens and motion, without the effects named in ``without``.
 
     Adjacent blurs share a transform. Returns ``light`` itself if no effect changes it.
+
+    >>> edge, one = (torch.arange(64.0) >= 32).expand(1, 1, 8, 64).float(), torch.ones(1)
+    >>> moving = Resolved(Camera.preset("imx250"), 0.01 * one, 25 * one, 1000 * one, torch.tensor([[8.0, 0.0]]))
+    >>> [round(float(through(edge, moving, without=frozenset(some))[0, 0, 4, 30]), 1) for some in ((), ("motion",))]
+    [0.3, 0.0]
     """
     some = [effect for effect in EFFECTS if not effect.of_scene and effect.name not in without]
     light, _ = _applied(light, at, border, some)
@@ -86,18 +97,32 @@ def _with_layers_after(
 
 
 def key(at: Resolved[float], without: frozenset[str] = frozenset()) -> Hashable:
-    """Equal for exposures of one picture whose light is equal after all effects."""
+    """Equal for exposures of one picture whose light is equal after all effects.
+
+    >>> slow = Resolved(Camera.preset("imx250"), 0.01, 25.0, white_e=1000.0)
+    >>> key(slow) == key(replace(slow, white_e=500.0))  # light on the pixels, whatever its level
+    True
+    """
     return tuple(effect.key(at) for effect in EFFECTS if effect.name not in without)
 
 
 def displace(camera: Camera) -> bool:
-    """Whether any effect moves boxes in pictures of this camera."""
+    """Whether any effect moves boxes in pictures of this camera.
+
+    >>> displace(Camera.preset("imx250")), displace(Camera.preset("ar0237"))  # global, rolling shutter
+    (False, True)
+    """
     moves = LightEffect.move_boxes
     return any(type(effect).move_boxes is not moves and not effect.idle(camera) for effect in EFFECTS)
 
 
 def moved_boxes(boxes_xyxy: Tensor, at: Resolved[float], *, swept: bool = False) -> Tensor:
-    """Boxes (N, 4) of the scene in the picture, after all effects: at mid-exposure, or what they cover during it."""
+    """Boxes (N, 4) of the scene in the picture, after all effects: at mid-exposure, or what they cover during it.
+
+    >>> at = Resolved(Camera.preset("imx250"), 0.01, 25.0, 1000.0, displacement_px=(8.0, 0.0))
+    >>> moved_boxes(torch.tensor([[100.0, 50.0, 120.0, 70.0]]), at, swept=True).tolist()
+    [[96.0, 50.0, 124.0, 70.0]]
+    """
     for effect in EFFECTS:
         if not effect.idle(at.camera):
             boxes_xyxy = (effect.sweep_boxes if swept else effect.move_boxes)(boxes_xyxy, at)
@@ -105,7 +130,13 @@ def moved_boxes(boxes_xyxy: Tensor, at: Resolved[float], *, swept: bool = False)
 
 
 def origins(points: Floats, at: Resolved[float]) -> Floats:
-    """Points (2, ...) of the scene that points of the picture show at mid-exposure, through all effects."""
+    """Points (2, ...) of the scene that points of the picture show at mid-exposure, through all effects.
+
+    >>> import numpy as np
+    >>> at = Resolved(Camera.preset("imx250"), 0.01, 25.0, 1000.0, size=(4, 6))
+    >>> origins(np.array([[2.0], [1.0]]), at).tolist()  # no distortion, no rolling shutter
+    [[2.0], [1.0]]
+    """
     for effect in reversed(EFFECTS):  # from the picture back to the scene
         if not effect.idle(at.camera):
             points = effect.origins(points, at)

@@ -34,7 +34,13 @@ _MOMENT = 1e-9  # of a period: a shorter exposure is at once
 
 @dataclass(frozen=True)
 class Pwm:
-    """A lamp's pulses. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed."""
+    """A lamp's pulses. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+
+    >>> from blurnoise import Pwm
+    >>> sign = Pwm(frequency_hz=90.0, duty=0.1, phase=0.5)
+    >>> sign.factor(0.001).item(), round(sign.dark_probability(0.001), 2)  # dark now, and in 81 % of exposures
+    (0.0, 0.81)
+    """
 
     frequency_hz: Annotated[Figure, within("frequency_hz")]
     duty: Annotated[Figure, Gt(0), Le(1)]
@@ -101,7 +107,11 @@ class Pwm:
 
 
 def per_picture(lamp: Pwm | Sequence[Pwm | None] | None, batch: int) -> tuple[Pwm | None, ...]:
-    """A lamp or None for each picture of a batch; () if all are None. Raises ``TypeError`` or ``ValueError``."""
+    """A lamp or None for each picture of a batch; () if all are None. Raises ``TypeError`` or ``ValueError``.
+
+    >>> per_picture([Pwm(90.0, 0.1), None], 2)[1] is None, per_picture(None, 2)
+    (True, ())
+    """
     if lamp is None:
         return ()
     lamps = (lamp,) * batch if isinstance(lamp, Pwm) else lamp

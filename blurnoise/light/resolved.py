@@ -32,6 +32,9 @@ class Shift(NamedTuple):
 
     later_s: (B,), between the middles of the two exposures. path_px: (B, 2), by the trajectory. scene_px: (B, 2), or
     (B, 2, H, W) of each pixel, by velocity and trajectory together. Of one frame a number and pairs (x, y).
+
+    >>> Shift(later_s=0.01, path_px=(0.0, 0.0), scene_px=(8.0, 0.0)).scene_px  # 800 px/s for 10 ms
+    (8.0, 0.0)
     """
 
     later_s: Tensor | float
@@ -51,6 +54,11 @@ class Resolved(Generic[Number]):
     the share of each pixel's light that comes from it, None for all of it. windows_s: start and duration of each
     frame's exposure, in double precision, from the start of the first capture. shift: of the scene since the first
     capture; None in that capture.
+
+    >>> from blurnoise import Camera
+    >>> warm = Camera.preset("imx250").with_figures(dark_current_e_s=100.0)
+    >>> Resolved(warm, exposure_s=0.01, temperature_c=20.0, white_e=5000.0).dark_e
+    1.0
     """
 
     camera: Camera
@@ -184,6 +192,10 @@ def velocities(velocity_px_s: object, image: Tensor) -> Tensor:
     """Velocities of pictures (B, C, H, W), px/s: (B, 2), or of each pixel (B, 2, H, W), in their dtype.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument.
+
+    >>> pictures = torch.zeros(2, 1, 4, 6)
+    >>> velocities((800.0, 0.0), pictures).shape, velocities(torch.zeros(2, 4, 6), pictures).shape
+    (torch.Size([2, 2]), torch.Size([2, 2, 4, 6]))
     """
     by_flow = getattr(velocity_px_s, "ndim", 0) > 2
     return (flows if by_flow else convolution.motions)("velocity_px_s", velocity_px_s, image)

@@ -75,7 +75,11 @@ SHEETINGS: Mapping[str, Sheeting] = MappingProxyType(
 
 
 def numbers(name: str, value: ArrayLike, low: float, high: float) -> Floats:
-    """Real numbers of any shape within [low, high], in double precision. Raises ``TypeError`` or ``ValueError``."""
+    """Real numbers of any shape within [low, high], in double precision. Raises ``TypeError`` or ``ValueError``.
+
+    >>> numbers("alpha_deg", [0.2, 2], 0.0, 180.0)
+    array([0.2, 2. ])
+    """
     array = real_tensor(name, value).detach().cpu().double().numpy()
     if not bool(((array >= low) & (array <= high)).all()):
         raise ValueError(f"{name}: values must be finite and lie within [{low:g}, {high:g}]")

@@ -13,8 +13,9 @@ It is a sum of Gaussians, as many in every octave of width. Its transfer functio
 
 with the exponential integral E1: 1 at f = 0, and within [0, 1]. The power of -2 is assumed: functions fitted to
 pictures of six cameras and lenses fall with r^-0.7 (nearly a veil) to r^-2.1 from 4 to 1000 px (camera_gsf.m in
-github.com/ZeshanAlam/Saturation-Aware-Space-Variant-Blind-Image-Deblurring). ISO 9358 and ISO 18844 measure about
-v + g, in a black patch of a white field.
+github.com/ZeshanAlam/Saturation-Aware-Space-Variant-Blind-Image-Deblurring). ISO 9358 and ISO 18844 read, in the
+middle of a black patch of a white field, v and the part of g that comes from beyond: half of it if the patch has a
+radius of 24 px.
 
 The scene beyond the picture is its mirror image, whatever the border of the blurs: as much light comes in as goes
 out, so that the sum is kept. The discrete cosine transform has the waves of such a scene, each of which K multiplies
@@ -47,6 +48,11 @@ class VeilingGlare(LightEffect):
     """Veiling glare of the camera's veil_share and halo_share.
 
     It follows the blurs, with which it commutes: between them it would part the transform that they share.
+
+    >>> from blurnoise import Camera
+    >>> hazy = Camera.preset("imx250").with_figures(veil_share=0.01, halo_share=0.02)
+    >>> VEIL.bound(Resolved(hazy, 0.01, 25.0, white_e=1000.0))
+    0.015
     """
 
     name = "veiling glare"

@@ -31,6 +31,13 @@ def captures_of_exposure(
     """The conditions of every capture of a batch, and the seeds of its noise.
 
     The batch is that of the scene's pictures, or of exposures of its only one.
+
+    >>> from blurnoise import Camera, Capture
+    >>> camera = Camera.preset("imx250").with_figures(captures=(Capture(), Capture(exposure_ratio=16)))
+    >>> exposure = Exposure(camera, exposure_s=0.016, illuminance_lux=50.0)
+    >>> scene = Scene(torch.full((1, 1, 4, 6), 0.5))
+    >>> [round(1e3 * float(at.exposure_s), 3) for at, _ in captures_of_exposure(scene, exposure, 1)]  # ms
+    [16.0, 1.0]
     """
     camera, _ = exposure.amplified
     light = scene.light.expand(batch, -1, -1, -1)

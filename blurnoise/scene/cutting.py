@@ -30,7 +30,14 @@ _LEAST = 1e-6  # smallest known share with which a coarse pixel counts as known
 
 
 class Cut(NamedTuple):
-    """A picture (1, C, H, W) without its objects, the objects as layers, and the filled pixels (H, W)."""
+    """A picture (1, C, H, W) without its objects, the objects as layers, and the filled pixels (H, W).
+
+    >>> matte = np.zeros((40, 50), np.float32)
+    >>> matte[10:20, 12:30] = 1
+    >>> cut = cut_out(torch.full((1, 3, 40, 50), 0.5), [matte], [(300.0, 0.0)])
+    >>> int(cut.invented.sum())  # 10 x 18 px and 2 px around them
+    308
+    """
 
     background: Tensor
     layers: tuple[Layer, ...]
@@ -82,7 +89,13 @@ def cut_out(
 
 
 def hole_of(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Pixels to fill behind objects that cover (H, W): these and their neighbours, which hold some of the light."""
+    """Pixels to fill behind objects that cover (H, W): these and their neighbours, which hold some of the light.
+
+    >>> covered = np.zeros((9, 9), bool)
+    >>> covered[4, 4] = True
+    >>> int(hole_of(covered).sum())  # 2 px to every side
+    25
+    """
     return np.asarray(cv2.dilate(covered.astype(np.uint8), np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)) > 0)
 
 
@@ -101,7 +114,13 @@ def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer
 
 
 def filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
-    """Light (1, C, H, W) with the hole filled from the pixels around it, within their range, without a gradient."""
+    """Light (1, C, H, W) with the hole filled from the pixels around it, within their range, without a gradient.
+
+    >>> light, hole = torch.full((1, 1, 9, 9), 0.5), np.zeros((9, 9), bool)
+    >>> light[..., 4, 4], hole[4, 4] = 1.0, True
+    >>> float(filled(light, hole)[0, 0, 4, 4])
+    0.5
+    """
     if not hole.any():
         return light
     rows, columns = np.flatnonzero(hole.any(1)), np.flatnonzero(hole.any(0))
@@ -129,7 +148,11 @@ def _from_around(part: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray
 
 
 def checked_masks(masks: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
-    """Masks (B, N, H, W) of a batch of pictures (H, W). Raises ``TypeError`` or ``ValueError``."""
+    """Masks (B, N, H, W) of a batch of pictures (H, W). Raises ``TypeError`` or ``ValueError``.
+
+    >>> checked_masks(torch.zeros(2, 3, 4, 6), batch=2, size=(4, 6)).shape
+    torch.Size([2, 3, 4, 6])
+    """
     an_instance("masks", masks, Tensor)
     dense("masks", masks)
     if masks.ndim != 4 or (len(masks), *masks.shape[2:]) != (batch, *size):
@@ -143,7 +166,13 @@ def checked_masks(masks: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
 
 
 def matte_of(masks: Tensor) -> Matte | None:
-    """The union of a picture's masks (N, H, W); None if it is empty or leaves no background."""
+    """The union of a picture's masks (N, H, W); None if it is empty or leaves no background.
+
+    >>> masks = torch.zeros(2, 20, 20)
+    >>> masks[0, 5, 5], masks[1, 9, 9] = 1.0, 0.5
+    >>> float(matte_of(masks).sum()), matte_of(torch.ones(1, 20, 20)) is None  # no background is left
+    (1.5, True)
+    """
     if not masks.numel():
         return None
     matte = masks.detach().amax(0).to(torch.float32).cpu().numpy()
@@ -155,6 +184,12 @@ def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: fl
 
     All objects of a picture move alike, so the union of its masks is enough. Objects whose paths overlap share one
     layer, which is faster.
+
+    >>> light, matte = torch.full((1, 1, 60, 80), 0.5), np.zeros((60, 80), np.float32)
+    >>> matte[10:14, 10:14] = matte[40:44, 60:64] = 1
+    >>> cut = in_motion(light, matte, torch.tensor([300.0, 0.0]), exposure_s=0.01)
+    >>> len(cut.layers)  # two objects, whose paths of 3 px do not overlap
+    2
     """
     covered = (matte > 0).astype(np.uint8)
     across, down = [

@@ -75,7 +75,12 @@ class GreyAnchor:
 
 
 def anchored(light: Tensor, grey_anchor: str | None) -> Tensor:
-    """Pictures (B, C, H, W), each scaled so that its ``grey_anchor`` is 18 % reflectance; None: unchanged."""
+    """Pictures (B, C, H, W), each scaled so that its ``grey_anchor`` is 18 % reflectance; None: unchanged.
+
+    >>> dark = torch.full((1, 1, 4, 6), 0.09)
+    >>> round(float(anchored(dark, "mean").mean()), 2)  # twice as bright: 18 % grey
+    0.18
+    """
     if grey_anchor is None:
         return light
     anchor = GreyAnchor.parse(grey_anchor)
@@ -86,7 +91,14 @@ _STEP = 1e-9  # of a count of rows or periods: a time that is whole but for roun
 
 
 class Setting(NamedTuple):
-    """Exposure, s, gain, dB, and meter reading of an auto-exposure; the reading is below the target at the limits."""
+    """Exposure, s, gain, dB, and meter reading of an auto-exposure; the reading is below the target at the limits.
+
+    >>> setting = AutoExposure(longest_s=0.01, gain_max_db=0.0).setting(
+    ...     Camera.preset("imx250"), mean_light=0.18, illuminance_lux=1.0
+    ... )
+    >>> setting.exposure_s, setting.gain_db, setting.reading < 0.18  # too dark for these limits
+    (0.01, 0.0, True)
+    """
 
     exposure_s: float
     gain_db: float
@@ -185,7 +197,11 @@ class AutoExposure:
 
 
 def brightness(camera: Camera, gain_db: float) -> float:
-    """Factor by which a gain brightens the signal, as a share of the converter's range above black."""
+    """Factor by which a gain brightens the signal, as a share of the converter's range above black.
+
+    >>> round(brightness(Camera.preset("imx250"), 20.0), 6)
+    10.0
+    """
     if not camera.sensor.gains:
         return float(10 ** (gain_db / 20))
     own, analogue_db = camera.sensor.at_0_db, min(gain_db, camera.sensor.analogue_gain_max_db)
@@ -212,6 +228,11 @@ def mean_luma(light: Tensor, camera: Camera | None = None, illuminant: str | Cur
     """Mean light (B,) of pictures (B, C, H, W) in linear light; the luma of three colours.
 
     With a camera whose pictures are grey, the colours are weighted as its pixels weight them.
+
+    >>> red = torch.zeros(1, 3, 4, 6)
+    >>> red[:, 0] = 1.0
+    >>> mean_luma(red).round(decimals=2)
+    tensor([0.2100])
     """
     channels = batch_shaped("light", light).shape[1]
     weights = LUMINANCE if channels == 3 else (1 / channels,) * channels

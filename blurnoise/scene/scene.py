@@ -85,7 +85,11 @@ def _noise_field(plane: Tensor, seed: int, stream: str, planes: int) -> Tensor:
 
 
 def brightest(light: Tensor, layers: Sequence[Sequence[Layer]]) -> list[float]:
-    """Light of the brightest surface of each picture (B, C, H, W), that of its layers included, at least white."""
+    """Light of the brightest surface of each picture (B, C, H, W), that of its layers included, at least white.
+
+    >>> brightest(torch.full((1, 1, 4, 6), 0.5), []), brightest(torch.full((1, 1, 4, 6), 3.0), [])
+    ([1.0], [3.0])
+    """
     every = layers or ((),) * len(light)
     return [
         max(1.0, extremes(picture)[1], *(float(layer.light.detach().amax()) for layer in some))
@@ -110,7 +114,11 @@ def scene_reflectance(image: Tensor, encoding: PictureTone) -> Tensor:
 
 
 def extremes(values: Tensor) -> tuple[float, float]:
-    """Smallest and largest value; NumPy's wake no threads, which would spin during the work that follows."""
+    """Smallest and largest value; NumPy's wake no threads, which would spin during the work that follows.
+
+    >>> extremes(torch.tensor([0.25, 0.5, 0.75]))
+    (0.25, 0.75)
+    """
     plain = values.detach()
     low, high = plain.aminmax() if plain.device.type != "cpu" else (plain.numpy().min(), plain.numpy().max())
     return float(low), float(high)

@@ -53,6 +53,14 @@ class TakeOptions:
     gives mean frames. quantised: False omits rounding. pattern_seed: selects the specimen of the camera (its fixed
     pattern). encoding: of the picture, "srgb" for the camera's tone curve or "linear". white: the light that becomes
     white in a picture of several captures. Raises ``TypeError`` or ``ValueError`` naming the option.
+
+    >>> import torch
+    >>> from blurnoise import Camera, Exposure, Scene, TakeOptions, take
+    >>> exposure = Exposure(Camera.preset("imx250"), exposure_s=0.005, illuminance_lux=60.0)
+    >>> options = TakeOptions(wanted=("raw",), noise=False, quantised=False)
+    >>> frames = take(Scene(torch.full((1, 1, 4, 6), 0.18)), exposure, options)
+    >>> len(frames.raw), frames.picture.numel()  # what was not wanted is empty
+    (1, 0)
     """
 
     wanted: tuple[Wanted, ...] = ("picture",)
@@ -87,6 +95,13 @@ class Frames:
     exposure: with the gain and time that an auto-exposure set. raw: digital numbers of every capture, (B, C, H, W)
     each, for a mosaic or one plane (B, 1, H, W). picture: floats in [0, 1], (B, C, H, W), C at least the scene's.
     eight_bit: the sRGB picture, uint8. simulate_ms: computing time of each frame.
+
+    >>> import torch
+    >>> from blurnoise import Camera, Exposure, Scene, TakeOptions, take
+    >>> exposure = Exposure(Camera.preset("imx250"), exposure_s=0.005, illuminance_lux=60.0)
+    >>> frames = take(Scene(torch.full((1, 3, 4, 6), 0.18)), exposure, TakeOptions(("raw", "8 bit")))
+    >>> frames.images()[0].shape, frames.native_images()[0].dtype
+    ((4, 6, 3), dtype('uint16'))
     """
 
     exposure: Exposure[Any]

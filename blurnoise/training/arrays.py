@@ -51,7 +51,11 @@ def expose_numpy(
 
 
 class PictureLabels(NamedTuple):
-    """PictureLabels of pictures; None for those that were not given."""
+    """PictureLabels of pictures; None for those that were not given.
+
+    >>> PictureLabels(boxes=np.array([[10.0, 10.0, 30.0, 20.0]])).keypoints is None
+    True
+    """
 
     boxes: Array | None = None
     keypoints: Array | None = None

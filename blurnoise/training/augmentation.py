@@ -48,6 +48,10 @@ class OverConditions:
     """Shared by the augmentations of all libraries: where exposures are drawn from, and pictures and labels by them.
 
     ranges: ranges or a table. flags: encoding, fidelity and grow_boxes.
+
+    >>> expose = RandomExposure("imx250", exposure_s=0.01, illuminance_lux=50.0)
+    >>> isinstance(expose, OverConditions), expose.flags["encoding"]
+    (True, 'srgb')
     """
 
     ranges: ExposureSource
@@ -151,6 +155,14 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
     draws the conditions, and its random numbers may differ from torch's own for the same seed.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
+
+    >>> import torch
+    >>> from blurnoise import RandomExposure
+    >>> expose = RandomExposure("imx250", exposure_s=(0.001, 0.02), illuminance_lux=(5.0, 500.0), p=1.0)
+    >>> grey = torch.full((4, 3, 32, 48), 0.5)
+    >>> pictures = expose(grey)
+    >>> bool((expose(grey, params=expose._params) == pictures).all())  # the same conditions and noise again
+    True
     """
 
     def __init__(

@@ -31,6 +31,13 @@ def of_targets(exposures: Sequence[Exposure], masks: Tensor | None = None) -> li
     """The exposures of the pictures' targets, with the motion of these alone. masks: (B, N, H, W) of the targets.
 
     A picture without targets, or with nothing else, moves as a whole.
+
+    >>> from blurnoise import Camera
+    >>> tracking = Exposure(Camera.preset("imx250"), 0.01, 50.0, velocity_px_s=(800.0, 0.0), moves="background")
+    >>> target = torch.zeros(1, 1, 40, 60)
+    >>> target[..., 10:20, 10:30] = 1.0
+    >>> of_targets([tracking], target)[0].velocity_px_s  # the camera follows the target
+    (0.0, 0.0)
     """
     targets = []
     for item, exposure in enumerate(exposures):
@@ -47,6 +54,12 @@ def boxes_after(
     """Boxes (B, N, 4), float64, of pictures (H, W) at mid-exposure. exposures: of the targets, B.
 
     grow: extended to the swept boxes, see :meth:`Exposure.sweep_boxes`, but at most to the border of the picture.
+
+    >>> from blurnoise import Camera
+    >>> exposure = Exposure(Camera.preset("imx250"), 0.01, 50.0, velocity_px_s=(800.0, 0.0))
+    >>> box = torch.tensor([[[100.0, 50.0, 120.0, 70.0]]], dtype=torch.float64)
+    >>> boxes_after(box, [exposure], (240, 320), grow=True).tolist()  # by half of 8 px to either side
+    [[[96.0, 50.0, 124.0, 70.0]]]
     """
     moved, swept = boxes_xyxy.clone(), boxes_xyxy.clone()
     for boxes, out, covered, exposure in zip(boxes_xyxy, moved, swept, exposures, strict=True):
@@ -66,7 +79,15 @@ def boxes_after(
 
 @no_torch_compile
 def keypoints_after(points: Tensor, exposures: Sequence[Exposure], size: Size) -> Tensor:
-    """Keypoints (B, N, 2) of pictures (H, W) at mid-exposure, in their dtype; NaN and infinity stay."""
+    """Keypoints (B, N, 2) of pictures (H, W) at mid-exposure, in their dtype; NaN and infinity stay.
+
+    >>> from blurnoise import Camera
+    >>> rolling = Exposure(Camera.preset("ar0237"), 0.01, 50.0, velocity_px_s=(1000.0, 0.0))
+    >>> points = torch.tensor([[[160.0, 10.0], [160.0, 119.5]]])  # near the top, and in the middle row
+    >>> keypoints_after(points, [rolling], (240, 320)).round()
+    tensor([[[152.,  10.],
+             [160., 120.]]])
+    """
     moved = points.clone()
     for before, out, exposure in zip(points, moved, exposures, strict=True):
         known = before.isfinite().all(-1)
@@ -77,7 +98,16 @@ def keypoints_after(points: Tensor, exposures: Sequence[Exposure], size: Size) -
 
 
 def masks_after(masks: Tensor, exposures: Sequence[Exposure]) -> Tensor:
-    """Masks (B, ..., H, W) of any dtype at mid-exposure."""
+    """Masks (B, ..., H, W) of any dtype at mid-exposure.
+
+    >>> from blurnoise import Camera
+    >>> rolling = Exposure(Camera.preset("ar0237"), 0.01, 50.0, velocity_px_s=(1000.0, 0.0))
+    >>> mask = torch.zeros(1, 240, 320, dtype=torch.bool)
+    >>> mask[..., 160] = True  # an upright post
+    >>> moved = masks_after(mask, [rolling])
+    >>> [int(moved[0, row].nonzero()) for row in (0, 120, 239)]  # leans
+    [152, 160, 168]
+    """
     moved = []
     for mask, exposure in zip(masks, exposures, strict=True):
         pixels = pixels_after(exposure, mask.shape[-2:])
@@ -90,6 +120,10 @@ def pixels_after(exposure: Exposure, size: Sequence[int]) -> Pixels | None:
     """Row and column (H, W) of the pixel that each pixel takes its label from, and whether that is in the picture.
 
     None where masks do not change.
+
+    >>> from blurnoise import Camera
+    >>> pixels_after(Exposure(Camera.preset("imx250"), 0.01, 50.0), (240, 320)) is None  # its labels stay
+    True
     """
     height, width = size
     if not effects.displace(exposure.camera) or not height * width:

@@ -119,7 +119,13 @@ def expose_pictures(
 
 def exposures_of(exposure: Exposure | Sequence[Exposure], batch: int) -> list[Exposure]:
     """An exposure for each picture. One for all has the noise of its seed in the first picture, and noise of its own
-    in every other one. Raises ``TypeError`` or ``ValueError``."""
+    in every other one. Raises ``TypeError`` or ``ValueError``.
+
+    >>> from blurnoise import Camera
+    >>> exposures = exposures_of(Exposure(Camera.preset("imx250"), 0.01, 50.0, seed=1), 3)
+    >>> exposures[0].seed, len({one.seed for one in exposures})  # noise of its own in every picture
+    (1, 3)
+    """
     if isinstance(exposure, Exposure):
         if exposure.batched:
             return list(exposure.each(batch))

@@ -197,12 +197,23 @@ class ExposureRanges(ExposureSource):
 
 
 def chosen(share: Tensor, count: int) -> Tensor:
-    """Indices (int64) below ``count``, all equally likely, from shares in [0, 1)."""
+    """Indices (int64) below ``count``, all equally likely, from shares in [0, 1).
+
+    >>> chosen(torch.tensor([0.0, 0.49, 0.5, 0.99]), 2).tolist()
+    [0, 0, 1, 1]
+    """
     return (share * count).long().clamp_max(count - 1)
 
 
 def warn_of_milliseconds(*exposure_s: float) -> None:
-    """Warn of an exposure of more than a second."""
+    """Warn of an exposure of more than a second.
+
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     warn_of_milliseconds(5.0)
+    >>> str(caught[0].message)
+    'exposure_s = (5): is in seconds; must be (0.005) if milliseconds are meant'
+    """
     if max(exposure_s, default=0.0) > _LONGEST_USUAL_S:
         different = dict.fromkeys(exposure_s)
         given, meant = (", ".join(f"{seconds * factor:g}" for seconds in different) for factor in (1, 1e-3))
@@ -211,7 +222,11 @@ def warn_of_milliseconds(*exposure_s: float) -> None:
 
 
 def bounds(name: str, value: Range) -> tuple[float, float]:
-    """The two ends of a range. Raises ``TypeError`` or ``ValueError`` outside the limits of its name."""
+    """The two ends of a range. Raises ``TypeError`` or ``ValueError`` outside the limits of its name.
+
+    >>> bounds("speed_px_s", 800), bounds("exposure_s", (0.001, 0.02))
+    ((800.0, 800.0), (0.001, 0.02))
+    """
     value = _plain(name, value)
     ends = (value, value) if isinstance(value, Real) else value
     if not isinstance(ends, Sequence) or isinstance(ends, str) or len(ends) != 2:

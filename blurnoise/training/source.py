@@ -41,6 +41,12 @@ class ExposureSource(ABC):
 
     gain_db: of pictures for which none is drawn. vehicle: drives at the ``ego_kmh`` that are drawn. lamp_lights: what
     a pulsed lamp lights.
+
+    >>> from blurnoise.training.ranges import ExposureRanges
+    >>> source = ExposureRanges("imx250", exposure_s=(0.001, 0.016), illuminance_lux=50.0)
+    >>> half_way = source.conditions(torch.full((1, source.draws), 0.5))
+    >>> round(float(half_way["exposure_s"]), 6)  # half-way between 1 and 16 ms in the logarithm
+    0.004
     """
 
     vehicle: Vehicle = USUAL_VEHICLE
@@ -149,7 +155,11 @@ def _shakes(drawn: Params, cameras: Sequence[Camera]) -> list[Trajectory | None]
 
 
 def cameras_of(camera: Cameras) -> tuple[Camera, ...]:
-    """The cameras, presets opened. Raises ``TypeError`` or ``ValueError``."""
+    """The cameras, presets opened. Raises ``TypeError`` or ``ValueError``.
+
+    >>> [camera.name for camera in cameras_of(["imx250", "imx250c"])]
+    ['imx250', 'imx250c']
+    """
     given = camera if isinstance(camera, Sequence) and not isinstance(camera, str) else [camera]
     for one in given:
         if not isinstance(one, (Camera, str)):

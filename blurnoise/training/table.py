@@ -44,6 +44,9 @@ class ConditionRow(NamedTuple):
     """One row: the conditions of a picture. camera: its number in the table; gain_db: None where the camera sets it.
 
     most_lux_s: upper limit of exposure times light of the draws from this row, beyond which pictures saturate.
+
+    >>> ConditionRow(exposure_s=0.01, illuminance_lux=50.0).gain_db
+    0.0
     """
 
     exposure_s: float

@@ -42,6 +42,11 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed; ``TypeError`` for
     pictures that are neither uint8 nor float, and for rotated boxes that would have to move.
+
+    >>> expose = RandomExposureV2("imx250", exposure_s=0.01, illuminance_lux=50.0, p=1.0)
+    >>> picture = tv_tensors.Image(torch.full((3, 32, 48), 128, dtype=torch.uint8))
+    >>> expose(picture).shape, expose(picture).dtype
+    (torch.Size([3, 32, 48]), torch.uint8)
     """
 
     def __init__(self, camera: Cameras | None = None, *, p: float = 0.5, **options: Any) -> None:

@@ -26,6 +26,11 @@ class InShare(nn.Module):
 
     The share rises from 0, so that targets are learnt before they are hidden, and falls at the end, where the small
     learning rate settles what clean pictures look like.
+
+    >>> negative = InShare([nn.Threshold(1.0, 1.0)])  # turns a picture white
+    >>> pictures = torch.zeros(100, 3, 8, 8)
+    >>> int(negative(pictures, progress=0.001).amax((1, 2, 3)).sum()) < 10  # few of them at the beginning
+    True
     """
 
     def __init__(self, changes: Sequence[nn.Module]) -> None:
@@ -43,7 +48,11 @@ class InShare(nn.Module):
 
 
 def share_at(progress: float) -> float:
-    """The share of pictures that are changed when ``progress``, 0 to 1, of a training is done."""
+    """The share of pictures that are changed when ``progress``, 0 to 1, of a training is done.
+
+    >>> [round(share_at(progress), 3) for progress in (0.0, 0.15, 0.3, 0.8, 1.0)]
+    [0.0, 0.225, 0.45, 0.325, 0.2]
+    """
     if progress < _FALLING:
         return MOST * min(1.0, progress / _RISEN)
     return MOST + (_LAST - MOST) * (progress - _FALLING) / (1.0 - _FALLING)
@@ -56,6 +65,9 @@ def exposures() -> InShare:
     Half of them move by up to 60 px in enough light (700 to 35 000 electrons of white); the others are dark or
     saturated (70 to 70 000 electrons) and move by up to 8 px: in pictures both dark and blurred far, no sign is left
     to learn from.
+
+    >>> len(exposures().changes)  # two ranges of light and blur, each with two gains
+    4
     """
     ranges: list[dict[str, Any]] = [
         {"white_e": (70.0, 70e3), "blur_px": (0.0, 8.0)},

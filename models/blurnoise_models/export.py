@@ -19,7 +19,11 @@ OPSET = 18
 
 
 def contract(input_px: int) -> dict[str, Any]:
-    """What pictures the file expects and what its outputs mean, as ``blurnoise inspect`` prints it."""
+    """What pictures the file expects and what its outputs mean, as ``blurnoise inspect`` prints it.
+
+    >>> contract(320)["family"], contract(320)["input_size_px"]
+    ('yolov8', [320, 320])
+    """
     return {
         "family": "yolov8",
         "classes": ["stop sign"],
@@ -42,6 +46,11 @@ def write_onnx(
     [0, 1], which was trained to be the IoU to be expected; A = (input_px / 8)² cells, without suppression of
     double answers. The contract, and ``facts`` about the training, travel in the metadata. The file appears
     whole or not at all. Raises ``ValueError`` for a suffix other than .onnx.
+
+    >>> write_onnx(SignNet(), Path("signs.pt"))
+    Traceback (most recent call last):
+        ...
+    ValueError: path = 'signs.pt': must end in .onnx
     """
     if path.suffix != ".onnx":
         raise ValueError(f"path = {str(path)!r}: must end in .onnx")

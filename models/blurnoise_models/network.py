@@ -48,6 +48,11 @@ class SignNet(nn.Module):
     """The network: pictures (B, 3, H, W) to raw answers (B, 5, H / 8, W / 8): score logit and four sides.
 
     The sides are log distances in units of the stride: left, top, right, bottom.
+
+    >>> network = SignNet().eval()
+    >>> with torch.no_grad():
+    ...     network(torch.zeros(1, 3, 64, 96)).shape  # cells of 8 px
+    torch.Size([1, 5, 8, 12])
     """
 
     def __init__(self) -> None:
@@ -76,7 +81,13 @@ class SignNet(nn.Module):
 
 
 class Decoded(nn.Module):
-    """A network with its answers as YOLOv8 gives them: (B, 5, A), boxes (centre x, y, width, height) px, score."""
+    """A network with its answers as YOLOv8 gives them: (B, 5, A), boxes (centre x, y, width, height) px, score.
+
+    >>> with torch.no_grad():
+    ...     answers = Decoded(SignNet().eval())(torch.zeros(1, 3, 64, 96))
+    >>> answers.shape, bool((answers[:, 4] < 0.05).all())  # 8 x 12 cells, none of which sees a sign yet
+    (torch.Size([1, 5, 96]), True)
+    """
 
     def __init__(self, network: SignNet) -> None:
         super().__init__()
@@ -91,7 +102,12 @@ class Decoded(nn.Module):
 
 
 def cells(answers: Tensor) -> tuple[Tensor, Tensor]:
-    """Score logits (B, A) and boxes xyxy in px (B, A, 4) of raw ``answers`` (B, 5, rows, columns), row by row."""
+    """Score logits (B, A) and boxes xyxy in px (B, A, 4) of raw ``answers`` (B, 5, rows, columns), row by row.
+
+    >>> logits, boxes = cells(torch.zeros(1, 5, 1, 2))  # exp(0) = 1 stride to each side of the centres
+    >>> boxes[0].tolist()
+    [[-4.0, -4.0, 12.0, 12.0], [4.0, -4.0, 20.0, 12.0]]
+    """
     flat = answers.flatten(2).transpose(1, 2)
     sides = STRIDE_PX * flat[..., 1:].clamp(max=6.0).exp()
     centres = cell_centres(answers.shape[2], answers.shape[3]).to(answers)
@@ -99,7 +115,11 @@ def cells(answers: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def cell_centres(rows: int, columns: int) -> Tensor:
-    """Centres (x, y) of the cells in px, (rows * columns, 2), row by row."""
+    """Centres (x, y) of the cells in px, (rows * columns, 2), row by row.
+
+    >>> cell_centres(1, 2).tolist()
+    [[4.0, 4.0], [12.0, 4.0]]
+    """
     y, x = torch.meshgrid(torch.arange(rows), torch.arange(columns), indexing="ij")
     return (torch.stack([x, y], dim=2).reshape(-1, 2) + 0.5) * STRIDE_PX
 
@@ -109,6 +129,10 @@ def responsible(centres: Tensor, boxes_xyxy: Tensor) -> Tensor:
 
     centres: (A, 2); boxes_xyxy: (B, N, 4), N >= 1, rows without area are padding. A cell answers for the smallest box
     that holds its centre and whose own centre is near it (1.5 cells, on both axes).
+
+    >>> box = torch.tensor([[[0.0, 0.0, 40.0, 40.0]]])
+    >>> responsible(torch.tensor([[20.0, 20.0], [4.0, 4.0]]), box).tolist()  # its centre, and its corner
+    [[0, -1]]
     """
     low, high = boxes_xyxy[:, None, :, :2], boxes_xyxy[:, None, :, 2:]
     at = centres[None, :, None, :]
@@ -123,6 +147,12 @@ def loss(answers: Tensor, boxes_xyxy: Tensor) -> Tensor:
 
     The quality focal loss of all scores, towards the IoU of the cell's box (0 where no sign is), plus twice
     the distance-IoU loss of the responsible cells' boxes. Rows of ``boxes_xyxy`` without area are padding.
+
+    >>> wrong, box = torch.zeros(1, 5, 4, 4), torch.tensor([[[4.0, 4.0, 28.0, 28.0]]])
+    >>> right = wrong.clone()
+    >>> right[:, 1:] = math.log(1.5)  # 12 px to each side
+    >>> bool(loss(right, box) < loss(wrong, box))
+    True
     """
     logits, boxes = cells(answers.float())
     which = responsible(cell_centres(*answers.shape[2:]).to(boxes_xyxy), boxes_xyxy)

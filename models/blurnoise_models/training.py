@@ -57,6 +57,11 @@ def train(
     far and the loss before each step, of earlier steps too. facts: what tells this training from others.
     Raises ``ValueError`` for fewer than 320 pictures, a seed outside [0, 2^63), a size that is no multiple of 32 px,
     or the checkpoint of another training.
+
+    >>> train(pictures=100)
+    Traceback (most recent call last):
+        ...
+    ValueError: pictures = 100: must be >= 320 and <= 1e9
     """
     if not 0 <= seed < 2**63:
         raise ValueError(f"seed = {seed!r}: must be an integer in [0, 2^63)")
@@ -81,7 +86,13 @@ def train(
 
 
 class Training:
-    """Everything that the next step of a training depends on; its checkpoint holds the same, and appears whole."""
+    """Everything that the next step of a training depends on; its checkpoint holds the same, and appears whole.
+
+    >>> training = Training(steps=20, recipe={"seed": 0}, checkpoint=None)
+    >>> loss_before = training.learn(torch.rand(1, 3, 64, 64), torch.tensor([[[8.0, 8.0, 40.0, 40.0]]]))
+    >>> loss_before > 0
+    True
+    """
 
     def __init__(self, steps: int, recipe: dict[str, Any], checkpoint: Path | None) -> None:
         self.steps, self.recipe, self.checkpoint = steps, recipe, checkpoint
@@ -164,6 +175,10 @@ def batch(first: int, count: int = BATCH, *, size_px: int = 320) -> tuple[Tensor
     """Training scenes ``first``, ``first`` + 1, ...: pictures (B, 3, H, W) in [0, 1], boxes (B, M, 4) xyxy px.
 
     Rows of boxes are padded with zeros.
+
+    >>> pictures, boxes = batch(0, 2, size_px=64)
+    >>> pictures.shape, boxes.shape[2]
+    (torch.Size([2, 3, 64, 64]), 4)
     """
     drawn = [scene(SCENES_SEED, index, size_px=size_px) for index in range(first, first + count)]
     pictures = torch.from_numpy(np.stack([each.picture for each in drawn])).permute(0, 3, 1, 2)
@@ -183,6 +198,10 @@ def _batches(first: int, last: int, size_px: int) -> Iterator[tuple[Tensor, Tens
 
 
 def has_bfloat16() -> bool:
-    """Whether this processor computes in bfloat16 (elsewhere torch emulates it, slowly)."""
+    """Whether this processor computes in bfloat16 (elsewhere torch emulates it, slowly).
+
+    >>> has_bfloat16() in (True, False)  # by the processor
+    True
+    """
     capabilities: dict[str, Any] = getattr(torch.cpu, "get_capabilities", dict)()
     return bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16"))

@@ -115,7 +115,18 @@ def structured(shape: Shape) -> Tensor:
 
 
 def overshoots(shape: Shape) -> Tensor:
-    """Whether the edge, in the mean over a pixel, goes beyond one of its sides, (B,)."""
+    """Whether the edge, in the mean over a pixel, goes beyond one of its sides, (B,).
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> picture = charts.slanted_edge(60, 60)[0].double()
+    >>> picture = picture + 0.5 * (picture - avg_pool2d(picture, 3, stride=1, padding=1, count_include_pad=False))
+    >>> line = find_line(picture).position_px
+    >>> sides, upright = measure_sides(picture, line)
+    >>> overshoots(shape_of(upright, line, sides, block=1)).tolist()  # sharpened
+    [True]
+    """
     knots = torch.eye(shape.spline.coefficients.shape[1], dtype=torch.float64)
     means = knots.unfold(0, round(1 / KNOT_PX), 1).mean(-1).T
     edge = shape.spline.coefficients @ means
@@ -172,7 +183,19 @@ def _rises(count: int) -> Tensor:
 
 
 def displaced(shape: Shape, mtf50: Tensor) -> Tensor:
-    """Whether rows are displaced against each other by more than noise explains, so far that MTF50 suffers, (B,)."""
+    """Whether rows are displaced against each other by more than noise explains, so far that MTF50 suffers, (B,).
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> noise = 0.002 * torch.randn(1, 60, 60, generator=torch.Generator().manual_seed(0))
+    >>> picture = (charts.slanted_edge(60, 60)[0] + noise).double()
+    >>> picture[:, ::2] = picture[:, ::2].roll(1, -1)  # every other row one pixel to the right
+    >>> line = find_line(picture).position_px
+    >>> sides, upright = measure_sides(picture, line)
+    >>> displaced(shape_of(upright, line, sides, block=1), torch.tensor([0.5])).tolist()
+    [True]
+    """
     (off, pull), by_row = shape.spline.off, shape.spline.pixels.by_row
     curvature = by_row(pull * pull).clamp_min(1e-12)
     place = by_row(pull * off) / curvature  # of each row, from its misfit projected on the edge's slope

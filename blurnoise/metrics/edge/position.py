@@ -373,6 +373,12 @@ def correlation_of(
 
     Returns, (B,) each: NPS(0) over the variance, 1 for white noise; how many rows a bootstrap draws together;
     whether there are fewer than seven such blocks; whether neighbours alternate, which sharpening causes.
+
+    >>> noise = torch.randn(2, 1, 60, 20, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    >>> sides = [(side, torch.ones_like(side)) for side in noise]
+    >>> power_at_0, block, *_ = correlation_of(sides, torch.tensor([True]))
+    >>> power_at_0.tolist(), block.tolist()  # white: rows are drawn one by one
+    ([1.0], [1])
     """
     height = sides[0][0].shape[1]
     noise, there = [], []

@@ -8,8 +8,9 @@ from blurnoise_eval.plan.files import PlanFile
 
 
 @settings(
-    PlanFile, "model", "images", "labels", "camera", "*", "picture_tone", "keep", "threads", template=False
-)
+    PlanFile, "model", "images", "labels", "camera", "*", "grey_anchor", "picture_tone", "keep", "threads",
+    template=False,
+)  # fmt: skip
 def decide(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:
     """Find the exposures that work under each light and at each speed, with fewer pictures than a sweep.
 

@@ -89,7 +89,7 @@ def print_run(
 
     written: the folder of these, by default the run's. coco: also write COCO's files.
     """
-    from blurnoise_eval.report.findings import alarms
+    from blurnoise_eval.report.findings import alarms, reflectance
     from blurnoise_eval.report.words import counted
 
     done.report(written, coco=coco)
@@ -113,6 +113,8 @@ def print_run(
         say_wrapped(
             f"No answer for {group['model']}, {group['group']}: almost no target is found in the original pictures"
         )
+    if about_light := reflectance(done.tables):
+        say_wrapped(f"lux: {about_light}", hanging=2)
     if about_camera:
         say_wrapped(about_camera, hanging=2)
     took = f" in {done.outcome.wall_s:.0f} s" if done.outcome is not None else ""

@@ -11,8 +11,8 @@ from blurnoise_eval.plan.files import PlanFile
 
 
 @settings(
-    PlanFile, "model", "contract", "images", "labels", "target", "limit", "camera", "*", "keep",
-    "score", "engine", "threads", "part",
+    PlanFile, "model", "contract", "images", "labels", "target", "limit", "camera", "*", "grey_anchor",
+    "keep", "score", "engine", "threads", "part",
 )  # fmt: skip
 def sweep(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:
     """Evaluate detectors or text recognisers on simulated pictures, over a grid of exposures, lights and speeds.

@@ -191,9 +191,10 @@ def reflectance_text(anchor: str | None, setting: str) -> str:
     from blurnoise.scene.metering import GreyAnchor
 
     if anchor is None:
-        return f"brightness is used as reflectance; with {setting}, a part of the picture reflects 18 %"
+        darker = "a photograph darker by 1 EV gets half of the light"
+        return f"brightness is used as reflectance, so {darker}; with {setting}, a part of each reflects 18 %"
     of = GreyAnchor.parse(anchor)
     words = "the mean" if of.percentile is None else f"the {of.percentile:g} % percentile"
     if of.region_px is not None:
         words = f"the mean of the region {of}"
-    return f"{words} of each picture reflects 18 % ({setting.split()[0]} {anchor})"
+    return f"{words} of each picture reflects 18 % ({setting} {anchor})"

@@ -42,6 +42,10 @@ class DrawnScene:
 
     picture: (H, W, 3) sRGB-coded RGB.
     boxes_xyxy: (n, 4) px, clipped to the picture; n may be 0.
+
+    >>> one = scene(seed=1, index=0, size_px=64)
+    >>> one.picture.shape, one.boxes_xyxy.shape[1]
+    ((64, 64, 3), 4)
     """
 
     picture: NDArray[np.uint8]
@@ -53,6 +57,11 @@ def scene(seed: int, index: int, *, size_px: int = 320) -> DrawnScene:
 
     Raises ``TypeError`` for numbers that are not integers, ``ValueError`` for a negative seed or index or
     fewer than 64 px.
+
+    >>> from blurnoise_models.scenes import scene
+    >>> first, again = scene(seed=1, index=3, size_px=64), scene(seed=1, index=3, size_px=64)
+    >>> bool((first.picture == again.picture).all())  # a function of seed, index and size alone
+    True
     """
     _check(seed=seed, index=index, size_px=size_px)
     rng, n = Draws(seed, index), size_px
@@ -80,6 +89,12 @@ def write_coco(
 
     The JSON file comes last, and whole: where it stands, all its pictures do. progress: called with 1
     after each scene. Raises as :func:`scene`, and ``OSError`` where nothing can be written.
+
+    >>> import tempfile
+    >>> from blurnoise_models.scenes import write_coco
+    >>> listing = write_coco(Path(tempfile.mkdtemp()), seed=1, count=2, size_px=64)
+    >>> [image["file_name"] for image in json.loads(listing.read_text())["images"]]
+    ['000000.png', '000001.png']
     """
     _check(seed=seed, count=count, size_px=size_px)  # before anything is written
     check_own_folder(folder)

@@ -37,7 +37,11 @@ FONTS = (*_DEJAVU, "STIXGeneralBol.ttf", "cmss10.ttf")
 
 
 def linear(coded: Bytes) -> Floats:
-    """Linear light of sRGB-coded values, any shape."""
+    """Linear light of sRGB-coded values, any shape.
+
+    >>> linear(np.array([[0, 188, 255]], np.uint8)).round(2).tolist()  # 188 is half of the light
+    [[0.0, 0.5, 1.0]]
+    """
     return np.asarray(cv2.LUT(coded, _LINEAR), np.float32)
 
 
@@ -46,6 +50,11 @@ class Easel:
     """A sheet to draw on without antialiasing: coordinates are in sheet heights.
 
     rgba: (2h, 2w, 4) sRGB-coded colour, and 255 where something was drawn; twice as fine as its sprite.
+
+    >>> easel = Easel.blank(height_px=1, width_px=2)  # two heights wide
+    >>> easel.rectangle(0.0, 0.0, 2.0, 1.0, (255, 255, 255))
+    >>> easel.width, easel.sprite()[..., 3].tolist()
+    (2.0, [[1.0, 1.0]])
     """
 
     rgba: Bytes
@@ -125,7 +134,12 @@ class Easel:
 
 @lru_cache(maxsize=4096)
 def outline(words: str, font: str) -> tuple[tuple[Points, ...], float]:
-    """Contours of words, to be filled even-odd, scaled to the unit square, y down; and their width / height."""
+    """Contours of words, to be filled even-odd, scaled to the unit square, y down; and their width / height.
+
+    >>> contours, aspect = outline("O", FONTS[0])
+    >>> len(contours), aspect < 1.2  # an outer and an inner line
+    (2, True)
+    """
     path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / font
     shape = TextPath((0, 0), words, size=100, prop=FontProperties(fname=str(path)))
     contours = [np.asarray(polygon, np.float64) * (1, -1) for polygon in shape.to_polygons()]
@@ -136,7 +150,13 @@ def outline(words: str, font: str) -> tuple[tuple[Points, ...], float]:
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane in front of the camera. matrix: (3, 3), from the plane's units to canvas px."""
+    """A plane in front of the camera. matrix: (3, 3), from the plane's units to canvas px.
+
+    >>> square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    >>> ahead = Plane.seen(0.0, 0.0, 0.0, distance=5.0).placed(square, 20.0, (50.0, 50.0))
+    >>> ahead.project(square)[0].tolist()  # 20 px wide, about (50, 50)
+    [40.0, 40.0]
+    """
 
     matrix: Points
 
@@ -206,17 +226,35 @@ class Plane:
 
 
 def over(canvas: Floats, sprite: Sprite) -> None:
-    """Lay a sprite of its size over a canvas (h, w, 3) or another sprite (h, w, 4), in place."""
+    """Lay a sprite of its size over a canvas (h, w, 3) or another sprite (h, w, 4), in place.
+
+    >>> canvas, white = np.full((1, 1, 3), 0.5, np.float32), np.full((1, 1, 4), 0.5, np.float32)
+    >>> over(canvas, white)  # it covers half of the pixel
+    >>> canvas.tolist()
+    [[[0.75, 0.75, 0.75]]]
+    """
     canvas *= cv2.merge([1 - sprite[..., 3]] * canvas.shape[2])
     canvas += sprite[..., : canvas.shape[2]]
 
 
 def dim(light: Floats, factor: Floats) -> None:
-    """Multiply light (h, w, 3 or 4), in place, by a factor (h, w); coverage stays."""
+    """Multiply light (h, w, 3 or 4), in place, by a factor (h, w); coverage stays.
+
+    >>> light = np.full((1, 1, 3), 0.5, np.float32)
+    >>> dim(light, np.full((1, 1), 0.5, np.float32))
+    >>> light.tolist()
+    [[[0.25, 0.25, 0.25]]]
+    """
     # OpenCV makes the fourth channel, its opacity, 1. NumPy is slow where it repeats a number three times.
     light *= cv2.cvtColor(factor, cv2.COLOR_GRAY2RGB if light.shape[2] == 3 else cv2.COLOR_GRAY2RGBA)
 
 
 def cut(sprite: Sprite, coverage: Floats) -> None:
-    """Leave of a sprite, in place, what lies within a coverage (h, w)."""
+    """Leave of a sprite, in place, what lies within a coverage (h, w).
+
+    >>> sprite = np.ones((1, 2, 4), np.float32)
+    >>> cut(sprite, np.array([[1.0, 0.0]], np.float32))
+    >>> sprite[0, :, 3].tolist()
+    [1.0, 0.0]
+    """
     sprite *= cv2.merge([coverage] * 4)

@@ -17,7 +17,11 @@ _SKIES = ((60, 120, 200), (110, 160, 220), (190, 200, 210), (235, 238, 242), (12
 
 
 def ground(rng: Draws, size_px: int) -> Floats:
-    """One background, or two along a wavy border; some out of focus."""
+    """One background, or two along a wavy border; some out of focus.
+
+    >>> ground(Draws(1), 64).shape
+    (64, 64, 3)
+    """
     draws = (_surface, _surface, _leaves, _leaves, _leaves, _outdoors, _outdoors, _outdoors)
     canvas = rng.pick(draws)(rng, size_px)
     if rng.chance(0.2):

@@ -31,7 +31,11 @@ WORDS = """
 
 
 class Draws(Generator):
-    """A random generator that also draws colours, words, textures and light. seeds: non-negative integers."""
+    """A random generator that also draws colours, words, textures and light. seeds: non-negative integers.
+
+    >>> Draws(1, 2).colour() == Draws(1, 2).colour(), 0 <= Draws(3).between(0.0, 2.0) < 2
+    (True, True)
+    """
 
     def __init__(self, *seeds: int) -> None:
         super().__init__(PCG64(seeds))

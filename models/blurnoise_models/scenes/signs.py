@@ -24,13 +24,22 @@ _OTHER_LEGENDS = ("ALTO", "PARE", "ARRET", "ARRÊT", "СТОП", "STOPP", "DUR")
 
 
 def octagon(half: float = 0.5) -> Points:
-    """Corners of the upright regular octagon, (8, 2), with ``half`` between centre and flat."""
+    """Corners of the upright regular octagon, (8, 2), with ``half`` between centre and flat.
+
+    >>> corners = octagon()
+    >>> corners.shape, round(float(np.ptp(corners[:, 0])), 3)
+    ((8, 2), 1.0)
+    """
     turns = (np.arange(8) + 0.5) * (math.pi / 4)
     return np.column_stack([np.cos(turns), np.sin(turns)]) * (half / math.cos(math.pi / 8))
 
 
 def stop_sign(rng: Draws, size_px: int) -> Sprite:
-    """A stop sign, weathered, (size_px, size_px, 4)."""
+    """A stop sign, weathered, (size_px, size_px, 4).
+
+    >>> stop_sign(Draws(1), 64).shape
+    (64, 64, 4)
+    """
     white = _white(rng, size_px)
     red, pale = _pigments(rng)
     light = cv2.transform(white, np.column_stack([[*(pale - red), 0.0], [*red, 1.0]]))
@@ -40,7 +49,12 @@ def stop_sign(rng: Draws, size_px: int) -> Sprite:
 
 
 def weathered(rng: Draws, sprite: Sprite) -> Sprite:
-    """A board's sprite after some years outdoors: dirt, marks, uneven light, shadow."""
+    """A board's sprite after some years outdoors: dirt, marks, uneven light, shadow.
+
+    >>> sprite = stop_sign(Draws(1), 64)
+    >>> weathered(Draws(2), sprite.copy()).shape == sprite.shape
+    True
+    """
     n, m = sprite.shape[:2]
     coverage = np.ascontiguousarray(sprite[..., 3])
     if rng.chance(0.6):  # dirt, worn paint
@@ -61,7 +75,11 @@ def weathered(rng: Draws, sprite: Sprite) -> Sprite:
 
 @lru_cache(maxsize=64)
 def face_mask(n: int) -> Floats:
-    """The share of each of (n, n) points of a sprite that the octagon covers."""
+    """The share of each of (n, n) points of a sprite that the octagon covers.
+
+    >>> face_mask(64).shape
+    (64, 64)
+    """
     easel = Easel.blank(n, n)
     easel.polygon(octagon() * _UNIT + 0.5, (255, 255, 255))
     return np.ascontiguousarray(easel.sprite()[..., 0])

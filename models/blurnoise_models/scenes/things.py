@@ -20,13 +20,21 @@ _SIGNALS: list[Colour] = [(236, 180, 30), (240, 130, 20), (20, 70, 160), (40, 11
 
 
 def thing(rng: Draws, size_px: int) -> Sprite:
-    """One thing, shaded."""
+    """One thing, shaded.
+
+    >>> thing(Draws(1), 64).shape[2]
+    4
+    """
     draw = rng.pick((board, board, board, board, board, _stack, _stack, _clutter, _clutter, _plain))
     return draw(rng, size_px)
 
 
 def board(rng: Draws, n: int) -> Sprite:
-    """A traffic sign, shop sign, label or dial: a shape with a border, and words or strokes on it; or these alone."""
+    """A traffic sign, shop sign, label or dial: a shape with a border, and words or strokes on it; or these alone.
+
+    >>> board(Draws(1), 64).shape[2]
+    4
+    """
     corners, width = _shape(rng)
     easel = _sheet(n, width)
     middle = np.array([width / 2, 0.5])

@@ -111,6 +111,17 @@ def test_an_even_veil_around_a_lamp():
     assert float(with_halo.min()) > 0.0485  # a lamp takes no light from what is around it
 
 
+def test_a_black_patch_reads_the_veil_and_half_of_the_halos():
+    """As ISO 9358: from beyond 24 px come (E1(24^2 / b^2) - E1(24^2 / a^2)) / (2 ln(b / a)) = 1/2."""
+    y, x = np.indices((201, 201)) - 100
+    field = torch.from_numpy((np.hypot(x, y) > 24).astype(float))[None, None]
+    veil = 0.01 * float(field.mean())
+    read = float(scattered(field, 0.01, 0.2)[..., 100, 100])
+    assert read == pytest.approx(
+        veil + 0.2 * 0.5, rel=0.03
+    )  # the patch has further images in the mirror: 1 % each
+
+
 @pytest.mark.parametrize(("per_px", "within", "stays"), [(0.25, 2.0, 1 / 6), (1.2, 4.8, 0.0)])
 def test_halos_are_in_px_of_the_sensor(per_px, within, stays):
     """In a picture of another size than the sensor's; of six octaves the one within 2 px stays where it is."""
@@ -178,6 +189,18 @@ def test_it_follows_the_blurs_in_one_transform():
     """Between defocus and motion it would part them; it commutes with both."""
     names = [effect.name for effect in effects.EFFECTS]
     assert names.index("rolling shutter") + 1 == names.index("veiling glare") == names.index("vignetting") - 1
+
+
+@pytest.mark.parametrize("row_time_s", [0.0, 2e-5])
+def test_what_moves_and_is_out_of_focus_is_scattered_after_it(row_time_s):
+    """Also with rows that are exposed in turn: the same as scattering what they have seen."""
+    camera = CAMERA.with_figures(row_time_s=row_time_s, defocus_radius_px=1.5)
+    moved = replace(at(camera), exposure_s=torch.tensor([0.01]), displacement_px=torch.tensor([[6.0, -2.0]]))
+    scattering = replace(moved, camera=camera.with_figures(veil_share=0.01, halo_share=0.05))
+    light = picture((60, 86))
+    expected = scattered(effects.through(light, moved), 0.01, 0.05)
+    assert torch.equal(effects.through(light, scattering), expected)
+    assert not torch.equal(effects.through(light, moved), light)
 
 
 def test_every_capture_has_it():
