@@ -21,7 +21,7 @@ from blurnoise_eval.calibration.to_camera import Known
 from blurnoise_eval.calibration.uncertain import Uncertain, interval_texts
 
 RESTS_ON = ("f_number", "transmission", "pixel_pitch_um", "quantum_efficiency")
-"""Figures of a camera that determine its electrons per lux second."""
+"""Figures of a camera that determine its electrons per lux second; a t_number stands for the first two."""
 _TIED = "electrons per lux second"  # in the source of a figure that follows from them
 _GREY = 0.18
 _COARSE = 64  # pixels along the shorter side, for the average over the field
@@ -125,8 +125,9 @@ def of_grey_card(measurement: Measurement, camera: Camera, grey_card: str | None
 
 def lux_text(camera: Camera) -> str | None:
     """A line on the assumed values on which the lux of this camera depend, None if there are none."""
-    sources = {name: camera.sources.get(name, "") for name in RESTS_ON}
-    tied_by = {name: before for name in RESTS_ON for before, of, _ in [sources[name].partition(_TIED)] if of}
+    rests_on = RESTS_ON[2:] if camera.lens.t_number else RESTS_ON
+    sources = {name: camera.sources.get(name, "") for name in rests_on}
+    tied_by = {name: before for name in rests_on for before, of, _ in [sources[name].partition(_TIED)] if of}
     assumed = [name for name, source in (tied_by or sources).items() if "assum" in source]
     shown = [
         name if name == "quantum_efficiency" else f"{name} {camera.figure(name):.4g}" for name in assumed

@@ -40,7 +40,7 @@ class RunLight(NamedTuple):
 
     def text(self, plan: SweepPlan) -> str:
         """'street: 1 lux (led-4000), low beam'."""
-        named = getattr(plan, "light_at", lambda lux: None)(self.lux)
+        named = plan.light_at(self.lux)
         name = f"{named.name}: " if named is not None else ""
         spectrum = f" ({self.illuminant})" if self.illuminant not in ("", "D55") or name else ""
         beam = (
@@ -53,8 +53,8 @@ def lights_of(conditions: Iterable[Mapping[str, float | None]]) -> list[RunLight
     """The lights of conditions, each once, the darkest first."""
     found = set()
     for at in conditions:
-        lux, beam = at[LIGHT.name], HEADLAMP.choices[int(at[HEADLAMP.name] or 0)]
-        value = at.get("illuminant")
+        lux, beam = at[LIGHT.name], HEADLAMP.choice(at[HEADLAMP.name] or 0.0)
+        value = at["illuminant"]
         illuminant = "D55" if value is None else axis("illuminant").typed(value)
         found.add(RunLight(float(lux or 0.0), illuminant, beam))
     return sorted(found, key=lambda each: (each.lux, each.illuminant, HEADLAMP.choices.index(each.beam)))

@@ -191,6 +191,18 @@ def test_it_follows_the_blurs_in_one_transform():
     assert names.index("rolling shutter") + 1 == names.index("veiling glare") == names.index("vignetting") - 1
 
 
+@pytest.mark.parametrize("row_time_s", [0.0, 2e-5])
+def test_what_moves_and_is_out_of_focus_is_scattered_after_it(row_time_s):
+    """Also with rows that are exposed in turn: the same as scattering what they have seen."""
+    camera = CAMERA.with_figures(row_time_s=row_time_s, defocus_radius_px=1.5)
+    moved = replace(at(camera), exposure_s=torch.tensor([0.01]), displacement_px=torch.tensor([[6.0, -2.0]]))
+    scattering = replace(moved, camera=camera.with_figures(veil_share=0.01, halo_share=0.05))
+    light = picture((60, 86))
+    expected = scattered(effects.through(light, moved), 0.01, 0.05)
+    assert torch.equal(effects.through(light, scattering), expected)
+    assert not torch.equal(effects.through(light, moved), light)
+
+
 def test_every_capture_has_it():
     """Of a lamp in the picture, dark pixels get 2 % of the mean light, whatever the capture's time."""
     light = torch.zeros(1, 1, 60, 86, dtype=torch.float64)

@@ -6,11 +6,12 @@ import made_frames
 import numpy as np
 import pytest
 from blurnoise_eval.calibration.libcamera import camera_of_libcamera
-from blurnoise_eval.calibration.light import tied
+from blurnoise_eval.calibration.light import lux_text, tied
+from blurnoise_eval.calibration.to_camera import changed
 from blurnoise_eval.datasets import write_picture
 from commands import main, told
 
-from blurnoise import Camera
+from blurnoise import Camera, photoelectrons
 from blurnoise.camera import PRESETS
 
 CAMERA = made_frames.CAMERA
@@ -59,6 +60,18 @@ def made_electrons(camera):
     has it; of a flat efficiency 24421.8 / (50 lux 30 ms) times it (the preset lin2024's comment)."""
     curve = camera.sensor.quantum_efficiency
     return 6906.0 if not isinstance(curve, float) else 24421.8 / 1.5 * curve * camera.lens.transmission
+
+
+def test_a_measured_t_number_stands_for_f_number_and_transmission():
+    """Lux no longer depend on their assumed values; a fit to electrons puts transmission in its place."""
+    camera = PRESETS["imx250"]
+    assert "f_number 1.4, transmission 1" in str(lux_text(camera))
+    measured = camera.with_figures(t_number=1.6)
+    assert "f_number" not in str(lux_text(measured))
+    assert "quantum_efficiency" in str(lux_text(measured))
+    target = made_electrons(camera) / 4
+    fitted = changed(measured, tied(measured, target, "x"))
+    assert photoelectrons(fitted, 1.0, 1.0) == pytest.approx(target, rel=1e-4)
 
 
 def test_a_tuning_file_is_a_camera(tmp_path, capsys):
