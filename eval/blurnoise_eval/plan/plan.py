@@ -78,8 +78,8 @@ class ExposureSettings(Settings):
     grid: by axis, values in SI units. In files and options each axis of ``AXES`` is a setting of its own, in the
     option's unit, with the axis's default. light: named lights, in place of values of ``illuminance_lux``: the grid
     has theirs, and conditions of each have its spectrum (and headlamps), unless the grid has these. own_spectrum: the
-    illuminant "own", which a CSV file among the illuminants becomes. lit: targets in headlamps. vehicle: drives at the
-    speeds on the axis ``ego_speed_m_s``, and carries camera and headlamps.
+    illuminant "own", which a CSV file among the illuminants becomes. lit: targets in headlamps. vehicle: drives at
+    the speeds on the axis ``ego_speed_m_s``, and carries camera and headlamps.
     auto_exposure: sets gain and exposure where they are automatic. trajectory: motion in addition to the velocity.
     grey_anchor: the part of a picture that reflects 18 %; None: brightness is reflectance. picture_tone: the curve
     that codes pictures. hdr_white: the light that is white in the merged picture of a camera of several captures.
