@@ -144,9 +144,8 @@ def _check_motion(config: SceneFile, at: Conditions) -> None:
         raise ValueError(
             "object_dx, object_dy: cannot be combined with moves, by which dx and dy move one part"
         )
-    if at[EGO.name] is None and config.vehicle is not None:
-        if not config.beams:
-            raise ValueError("vehicle: needs ego_kmh, its speed, or headlamp")
+    if at[EGO.name] is None and config.vehicle is not None and not config.beams:
+        raise ValueError("vehicle: needs ego_kmh, its speed, or headlamp")
     if at[EGO.name] is not None and any(at.displacement_px):
         raise ValueError("ego_kmh: cannot be combined with dx and dy, which move the whole picture alike")
 
