@@ -286,7 +286,7 @@ AXES: tuple[Axis, ...] = (
     Axis(
         "headlamp", "headlamp", "--headlamp",
         "headlamps of the camera's vehicle, which light the targets; signs return their light (default: off)",
-        "Headlamps", "", 1.0, 0.0, 2.0, "{}", "{}-headlamp",
+        "Headlamp", "", 1.0, 0.0, 2.0, "{}", "{}-headlamp",
         choices=("off", "low", "high"),  # of blurnoise.scene.exposure; a test compares them
         captions=("headlamps off", "low beam", "high beam"),
     ),

@@ -223,7 +223,7 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
         if at.automatic:
             exposure_s = math.nan if "exposure_s" in at.automatic else exposure.exposure_s
             exposure = replace(exposure, exposure_s=exposure_s, gain_db=plan.auto_exposure).metered(
-                scene.light.mean_light(exposure)
+                scene.lit(exposure).mean_light(exposure)
             )
         if plan.path is not None:
             along = plan.path[0].of(camera, (height, width), plan.path[1], cell.seed)
@@ -243,7 +243,7 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
             exposure,
             *boxes,
             saturated=_saturated(image, brightest(exposure, plan.hdr_white)),
-            snr_db=snr_db(exposure, scene.light.mean_light(exposure)),
+            snr_db=snr_db(exposure, scene.lit(exposure).mean_light(exposure)),
             brightness=cv2.mean(image.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
             own_px=scene.own_px(exposure),

@@ -48,8 +48,8 @@ class StandingTarget(NamedTuple):
         """What is noted of a target in headlamps."""
         at, outline = target.standing, target.outline
         up = float(at.up_m(np.array([(outline.box_xyxy[1] + outline.box_xyxy[3]) / 2]))[0])
-        numbers = (round(number, 4) for number in (at.right_m, at.ahead_m, up, target.white))
-        return cls(outline.label, *numbers, target.nearer, target.cut_off, outline.outlined)
+        right, ahead, up, white = (round(number, 4) for number in (at.right_m, at.ahead_m, up, target.white))
+        return cls(outline.label, right, ahead, up, white, target.nearer, target.cut_off, outline.outlined)
 
 
 class HeadlitFacts(NamedTuple):
@@ -104,7 +104,7 @@ class HeadlitScenes:
         if key not in self._found:
             size = (light.shape[-2], light.shape[-1])
             view = self._plan.lit.view(camera, self._plan.vehicle)
-            lamps = Headlamps(BEAMS[BEAMS.index(beam)])  # type: ignore[arg-type]  # a name of BEAMS
+            lamps = Headlamps(BEAMS[BEAMS.index(beam)])
             self._found[key] = headlit(light, outlines(self._picture, size), view, lamps)
         return self._found[key]
 
