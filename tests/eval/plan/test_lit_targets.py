@@ -1,6 +1,7 @@
 """What a plan states of targets in headlamps: settings, their checks, and a run's identity."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from blurnoise_eval.plan.lamps import Lamps
@@ -68,7 +69,7 @@ def test_a_vehicle_carries_headlamps():
             "sheeting = 'IX': must be I, III, XI, vest, worn, none, or three numbers",
         ),
         ({**LOW, "background": "grey"}, "background = 'grey': must be one of 'dark', 'lit'"),
-        ({**LOW, "distance_m": 0}, "distance_m = 0.0: must be finite and >= 1"),
+        ({**LOW, "distance_m": 0}, "distance_m = 0: must be finite and >= 1"),
         (
             {**LOW, "road_objects": {"speed limit": {"base_m": 2.0}}},
             "road_objects: speed limit: needs width_m or height_m",
@@ -90,9 +91,7 @@ def test_faults_are_one_line(settings, message):
 
 
 def test_pulses_and_headlamps_go_together():
-    made = SweepPlan(
-        {"exposure_s": (0.01,), "illuminance_lux": (1.0,), "headlamp": ("low",)}, lamps=Lamps(pwm="90,0.5")
-    )
+    made = replace(plan((0.01,), (1.0,), headlamp=("low",)), lamps=Lamps(pwm="90,0.5"))
     assert made.beams == ("low",)
 
 
