@@ -69,6 +69,7 @@ def slanted_edge(
     cos, sin = math.cos(_radians(angle_deg)), math.sin(_radians(angle_deg))
     y, x = (torch.arange(n, dtype=torch.float64) + (0.5 - n / 2) for n in (height_px, width_px))
     distance = x * cos - y[:, None] * sin
+    # By symmetry the edge's normal lies between an axis and a diagonal; b = 0 would divide by 0 below.
     a, b = max(abs(cos), abs(sin)), max(min(abs(cos), abs(sin)), 1e-300)
     d = distance.abs()
     corner = ((a + b) / 2 - d).clamp(min=0) ** 2 / (2 * a * b)
@@ -104,6 +105,7 @@ def siemens_star(
     hub = counted("cycles", cycles) / (math.pi * counted("supersample", supersample))
     checks.in_range("bright", bright, 0.0, 1.0)
     checks.in_range("dark", dark, 0.0, bright)
+    # Counter-clockwise as displayed, while y points down: hence atan2(-y, x).
     turn = _radians(angle_deg)
 
     def wave(x: Tensor, y: Tensor) -> Tensor:
@@ -167,6 +169,7 @@ def stop_sign(
     picture = torch.as_tensor(background, dtype=torch.float32).expand(1, 3, height, width).clone()
     behind = picture[0, :, top:bottom, left:right]
     sign = torch.einsum("khw,kc->chw", shares, torch.tensor([SIGN_WHITE, SIGN_RED]))
+    # The sign over what is behind it, by the share of each pixel that it covers.
     behind += sign - shares.sum(0) * behind
     return picture
 

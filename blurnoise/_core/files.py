@@ -46,6 +46,7 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT_BYTES) -> bytes:
     check_regular(path)
     with path.open("rb") as file:
         held = os.fstat(file.fileno()).st_size
+        # One byte more than allowed tells a file that grew meanwhile; files of /proc state a size of 0.
         data = b"" if held > largest else file.read(min(largest, max(held, LARGEST_TEXT_BYTES)) + 1)
     if max(held, len(data)) > largest:
         raise ValueError(f"larger than {largest} bytes")

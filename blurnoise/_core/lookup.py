@@ -12,6 +12,7 @@ from torch import Tensor
 
 from blurnoise._core.threads import in_pieces
 
+# Earlier versions of cv2.LUT take 8 bits only.
 _LOOKS_UP_16_BITS = int(cv2.__version__.split(".")[0]) >= 5
 
 

@@ -147,6 +147,7 @@ def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: in
     [0, 1, 2]
     """
     todo = list(jobs)
+    # A job that waited for others of its own pool could wait for ever, so jobs start none.
     if threads <= 1 or len(todo) < 2 or getattr(_state, "working", False):
         for job in todo:
             work(job)

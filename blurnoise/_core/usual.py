@@ -14,6 +14,7 @@ from typing import Literal
 
 COLOUR, MONOCHROME = "imx250c", "imx250m"
 """Presets of cameras, for pictures in colour and for grey ones."""
+# Half decades, from a bright day's shortest to what 30 frames a second allow.
 EXPOSURE_S = tuple(ms / 1e3 for ms in (0.03, 0.1, 0.3, 1, 3, 10, 30))
 ILLUMINANCE_LUX = {"night street": 1.0, "lit street": 20.0, "dusk": 400.0, "daylight": 20_000.0}
 SPEED_PX_S = {"at rest": 0.0, "50 km/h": 500.0, "100 km/h": 1000.0}

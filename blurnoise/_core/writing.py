@@ -29,6 +29,7 @@ MANIFEST = ".blurnoise"
 """The list of what was written to a folder. Its names are those of files in that folder, none below or elsewhere."""
 _LINE = b'{"wrote": '  # begin of every line; a file of that name without it is the user's
 _LARGEST_MANIFEST, _AT_ONCE = 16 << 20, 1 << 20  # bytes
+# Machine, process and its start: who may delete the copy once that process is gone.
 _PARTIAL = re.compile(r"\.blurnoise-([0-9a-f]{8})-(\d+)-([0-9a-f]{8})-[0-9a-f]{32}\.partial")
 _TEXTS = ".csv", ".html", ".json", ".yaml", ".yml"
 _NOT_OURS = errno.EACCES, errno.EPERM, errno.EISDIR, errno.ELOOP, errno.ENXIO
@@ -150,6 +151,7 @@ def written_whole(path: Path) -> Iterator[Path]:
             if target is None:
                 _write_to(path, unfinished)
                 return
+            # On disk before it takes the name: a crash leaves the old file or the new one, never half of one.
             for part in (*unfinished.rglob("*"), unfinished):
                 _sync(part)
             if not unfinished.is_dir():
@@ -323,6 +325,7 @@ def _is_written(target: Path) -> bool:
     with target.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
         held = _lines(target.parent / MANIFEST).get(target.name, set())
+        # The size first: a large file of the user's is not read only to learn that it is not ours.
         return size in {each for each, _ in held} and (size, _digest(file, size)) in held
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from blurnoise._core.beams import BeamPlanes, checked_planes
 from blurnoise._core.borders import BORDERS, Border, Window, continued_in, cut, placed
 from blurnoise._core.checks import (
     LIMITS,
@@ -57,8 +58,9 @@ class Layer:
     light: (C, h, w), linear, not multiplied by alpha. alpha: (h, w) within [0, 1], the share of each pixel that the
     object covers. velocity_px_s: (2,), (x, y). place_px: (left, top) of the object's first pixel in the picture,
     whole px; it may lie outside the picture. speed: of a target, a multiple of the exposure's velocity in place of
-    velocity_px_s (:meth:`blurnoise.Exposure.of_targets`); None: no target. Gradients pass through light, alpha and
-    velocity. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    velocity_px_s (:meth:`blurnoise.Exposure.of_targets`); None: no target. headlamp_lux: for each beam, "low" or
+    "high", what headlamps add to the light on the object, lux, (1, h, w). Gradients pass through light, alpha,
+    velocity and headlamp_lux. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
 
     >>> import torch
     >>> from blurnoise import Layer
@@ -72,6 +74,7 @@ class Layer:
     velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0)
     place_px: tuple[int, int] = (0, 0)
     speed: float | None = None
+    headlamp_lux: BeamPlanes = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         image_batch("layer: light", self.light, "(C, h, w)")
@@ -79,6 +82,7 @@ class Layer:
         size, own = tuple(self.alpha.shape), tuple(self.light.shape[1:])
         if own != size:
             raise ValueError(f"layer: alpha is {size}, light {own}; must be equal")
+        checked_planes("layer: headlamp_lux", self.headlamp_lux, (1, *size))
         low, high = (float(edge) for edge in self.alpha.detach().aminmax())
         if low < 0 or high > 1:
             raise ValueError(f"layer: alpha: values span [{low:g}, {high:g}]; must lie within [0, 1]")
@@ -346,10 +350,22 @@ def flattened(layers: Sequence[Layer]) -> Layer:
     if len(layers) == 1:
         return layers[0]
     window = reduce(Window.joined, (layer.window for layer in layers))
-    plane = plane_of(layers, window, layers[0].light[None], "constant")[0]
+    beams = [beam for beam in layers[0].headlamp_lux if all(beam in layer.headlamp_lux for layer in layers)]
+    stacked = [  # the light of each beam as a colour more
+        replace(
+            layer,
+            light=torch.cat([layer.light, *(layer.headlamp_lux[beam] for beam in beams)]),
+            headlamp_lux={},
+        )
+        for layer in layers
+    ]
+    plane = plane_of(stacked, window, stacked[0].light[None], "constant")[0]
     alpha = plane[-1]
     light = torch.where(alpha > 0, plane[:-1] / alpha.clamp_min(torch.finfo(alpha.dtype).tiny), 0.0)
-    return Layer(light, alpha.clamp(0, 1), layers[0].velocity_px_s, (window.left, window.top))
+    light, *lamps = torch.split(light, [len(layers[0].light), *[1] * len(beams)])
+    place = window.left, window.top
+    by_beam = dict(zip(beams, lamps, strict=True))
+    return Layer(light, alpha.clamp(0, 1), layers[0].velocity_px_s, place, headlamp_lux=by_beam)
 
 
 def coloured(plane: Tensor) -> tuple[Tensor, Tensor]:
@@ -379,7 +395,11 @@ def trimmed(layer: Layer) -> Layer:
     if differentiable(layer.alpha) or width == 0 or (height, width) == tuple(layer.alpha.shape):
         return layer
     own, (left, top) = (slice(y, y + height), slice(x, x + width)), layer.place_px
-    return replace(layer, light=layer.light[:, *own], alpha=layer.alpha[own], place_px=(left + x, top + y))
+    planes = {beam: plane[:, *own] for beam, plane in layer.headlamp_lux.items()}
+    place = left + x, top + y
+    return replace(
+        layer, light=layer.light[:, *own], alpha=layer.alpha[own], place_px=place, headlamp_lux=planes
+    )
 
 
 def seen_behind(

@@ -20,6 +20,7 @@ from blurnoise.blur.layers import Layer, coloured
 from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import flow_warp
 from blurnoise.light.effect import LightEffect
+from blurnoise.light.headlamps import ambient_share
 from blurnoise.light.motion import readout_of
 from blurnoise.light.resolved import Number, Resolved, Shift
 
@@ -30,7 +31,8 @@ class Lamp(LightEffect):
     """A lamp of pulses that lights the scene, or is part of it within a mask (:class:`blurnoise.Pwm`).
 
     Each row sees the lamp while it is exposed; ``at.windows_s`` says when, so that the lamp runs on from row to row
-    and from capture to capture. The phase refers to the start of the first row of the first capture.
+    and from capture to capture. The phase refers to the start of the first row of the first capture. The light of
+    headlamps is not the lamp's: it goes on between the pulses.
 
     >>> from blurnoise import Camera, Pwm
     >>> when = {"lamps": (Pwm(90.0, 0.1),), "windows_s": ((0.0, 0.001),)}
@@ -56,7 +58,11 @@ class Lamp(LightEffect):
 
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
         # Picture by picture: lamps differ in phase, and rows of a rolling shutter in their windows of time.
-        lit = [light[item : item + 1] * _factors(light, at, item) for item in range(len(light))]
+        factors = [_factors(light, at, item) for item in range(len(light))]
+        if at.headlamp is not None:
+            shares = torch.as_tensor(ambient_share(at)).to(light)
+            factors = [1 + share * (factor - 1) for share, factor in zip(shares, factors, strict=True)]
+        lit = [light[item : item + 1] * factor for item, factor in enumerate(factors)]
         return lit[0] if len(lit) == 1 else torch.cat(lit)
 
     def apply_to_layer(self, layer: Layer, like: Tensor, at: Resolved[Tensor], border: Border) -> Layer:
@@ -69,7 +75,10 @@ class Lamp(LightEffect):
             (start + torch.arange(count)).clamp(0, most - 1).to(factors.device)
             for start, count, most in starts
         )
-        return replace(layer, light=layer.light * factors[rows][:, columns])
+        here = factors[rows][:, columns]
+        if at.headlamp is not None:
+            here = 1 + ambient_share(at, layer) * (here - 1)
+        return replace(layer, light=layer.light * here.to(layer.light))
 
     def how(self, at: Resolved[float]) -> str:
         if at.lamp is None:
@@ -170,7 +179,7 @@ def displaced(layer: Layer, shift_px: Tensor) -> Layer:
     plane = torch.nn.functional.pad(plane, (_MARGIN_PX,) * 4)[None]
     light, alpha = coloured(translated(plane, shift - whole, "constant")[0])
     left, top = (start + int(steps) - _MARGIN_PX for start, steps in zip(layer.place_px, whole, strict=True))
-    return replace(layer, light=light, alpha=alpha, place_px=(left, top))
+    return replace(layer, light=light, alpha=alpha, place_px=(left, top), headlamp_lux={})
 
 
 LAMP, LATER_CAPTURE = Lamp(), LaterCapture()

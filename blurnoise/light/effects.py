@@ -16,13 +16,13 @@ from blurnoise.blur import convolution
 from blurnoise.camera import Camera
 from blurnoise.camera.spectra import Floats
 from blurnoise.camera.transfer import SHARP, Optics
-from blurnoise.light import capture, lens, motion, veil
+from blurnoise.light import capture, headlamps, lens, motion, veil
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.resolved import Resolved
 
 EFFECTS: tuple[LightEffect, ...] = (
-    capture.LAMP, capture.LATER_CAPTURE, lens.DISTORTION, motion.OBJECTS, lens.LATERAL_COLOUR, lens.DEFOCUS,
-    lens.DIFFRACTION, lens.MEASURED_MTF, motion.MOTION, motion.MOTION_VARIATION, motion.ROLLING_SHUTTER,
+    headlamps.HEADLAMPS, capture.LAMP, capture.LATER_CAPTURE, lens.DISTORTION, motion.OBJECTS, lens.LATERAL_COLOUR,
+    lens.DEFOCUS, lens.DIFFRACTION, lens.MEASURED_MTF, motion.MOTION, motion.MOTION_VARIATION, motion.ROLLING_SHUTTER,
     veil.VEIL, lens.VIGNETTING,
 )  # fmt: skip
 """All light effects, in causal order. Blur and motion are in px of the distorted picture, hence after distortion."""

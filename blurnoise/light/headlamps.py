@@ -7,19 +7,26 @@ known to a factor of 2: what a lamp may stray above its cut-off differs by that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple, get_args
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, NamedTuple, cast
 
 import numpy as np
+import torch
 from annotated_types import Ge, Gt, Le
 from numpy.typing import ArrayLike
+from torch import Tensor
 
+from blurnoise._core.beams import BEAMS as BEAMS
+from blurnoise._core.beams import Beam
+from blurnoise._core.borders import Border
 from blurnoise._core.checks import Figure, check_fields, limited
+from blurnoise.blur.layers import Layer
 from blurnoise.camera.spectra import Floats
+from blurnoise.light.effect import LightEffect
+from blurnoise.light.resolved import BeamLight, Number, Resolved
 from blurnoise.light.sheeting import Sheeting, numbers
 
-Beam = Literal["low", "high"]
-BEAMS: tuple[Beam, ...] = get_args(Beam)
 _FARTHEST_M = 1e6
 _NEAREST_M = 0.1  # ahead of lamps, which are no points from nearer by
 
@@ -138,3 +145,59 @@ class _Away(NamedTuple):
         ours, theirs = np.stack(self, -1), np.stack(other, -1)
         across = np.linalg.norm(np.cross(ours, theirs), axis=-1)
         return np.asarray(np.degrees(np.arctan2(across, (ours * theirs).sum(-1))))
+
+
+class HeadlampLight(LightEffect):
+    """The light of a beam on the scene, which the exposure's illuminance lights already.
+
+    A surface of light l under E lux has l (1 + X / E) where headlamps add X lux, whatever it reflects. X of
+    retroreflective targets stands for what they return: E_h + pi L_r / w gives a white of reflectance w the luminance
+    L_r beside that of the matte white.
+    """
+
+    name = "headlamps"
+    essential = True
+    of_scene = True
+
+    def acts(self, at: Resolved[Number]) -> bool:
+        return at.headlamp is not None
+
+    def bound(self, at: Resolved[float]) -> float:
+        """RMS of the light that a white picture lacks without them, relative to the brightest white."""
+        if at.headlamp is None:
+            return 0.0
+        ((_, most, rms),) = at.headlamp.ranges_lux
+        return rms / (at.illuminance_lux + most)
+
+    def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
+        return light * (1 + _ratio(at).to(light))
+
+    def apply_to_layer(self, layer: Layer, like: Tensor, at: Resolved[Tensor], border: Border) -> Layer:
+        return replace(layer, light=layer.light * (1 + _ratio(at, layer).to(layer.light)))
+
+    def how(self, at: Resolved[float]) -> str:
+        if at.headlamp is None:
+            return "none here"
+        ((least, most, _),) = at.headlamp.ranges_lux
+        return f"{at.headlamp.beam} beam, X {least:.3g} to {most:.3g} lux"
+
+    def key(self, at: Resolved[float]) -> Hashable:
+        # Exposures that share light are of one scene, which has one plane for each beam.
+        return (at.headlamp, at.illuminance_lux) if at.headlamp else None
+
+
+def ambient_share(at: Resolved[Tensor], layer: Layer | None = None) -> Tensor | float:
+    """Share of other light than headlamps', of pictures (B, 1, H, W), or of a layer (1, h, w) of the only one."""
+    return 1.0 if at.headlamp is None else 1 / (1 + _ratio(at, layer))
+
+
+def _ratio(at: Resolved[Tensor], layer: Layer | None = None) -> Tensor:
+    """X / E: of pictures (B, 1, H, W), or of a layer (1, h, w) of the only one."""
+    lit, lux = cast(BeamLight, at.headlamp), at.illuminance_lux
+    if layer is not None:
+        return layer.headlamp_lux[lit.beam] / lux
+    ratio: Tensor = lit.lux / torch.as_tensor(lux).view(-1, 1, 1, 1)
+    return ratio
+
+
+HEADLAMPS = HeadlampLight()

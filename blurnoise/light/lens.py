@@ -87,7 +87,7 @@ class LensDistortion(_OverTheField):
         """The layer as the lens shows it, in a window as large as the picture."""
         plane = plane_of([layer], Window(0, 0, like.shape[-2], like.shape[-1]), like, "constant")
         light, alpha = coloured(self.apply(plane, at, border)[0])
-        return replace(layer, light=light, alpha=alpha, place_px=(0, 0))
+        return replace(layer, light=light, alpha=alpha, place_px=(0, 0), headlamp_lux={})
 
     def how(self, at: Resolved[float]) -> str:
         shape, farthest_px = at.camera.lens.distortion, lens.farthest_px(at.camera.field)

@@ -42,6 +42,17 @@ class Shift(NamedTuple):
     scene_px: Tensor | tuple[float, float]
 
 
+class BeamLight(NamedTuple):
+    """Light of headlamps on pictures: the beam, the least, the most and the RMS of each picture, and planes, lux.
+
+    lux: (B, 1, H, W), what the beam adds to the illuminance of each pixel; of one frame None.
+    """
+
+    beam: str
+    ranges_lux: tuple[tuple[float, float, float], ...]
+    lux: Any = None  # Tensor
+
+
 @dataclass(frozen=True)
 class Resolved(Generic[Number]):
     """Conditions of frames: floats for one frame, which are hashable, or tensors (B,) for a batch.
@@ -53,7 +64,8 @@ class Resolved(Generic[Number]):
     variation_px the largest distance from it. lamps: the pulsed lamp of each frame, () without; lamp_mask: (B, H, W),
     the share of each pixel's light that comes from it, None for all of it. windows_s: start and duration of each
     frame's exposure, in double precision, from the start of the first capture. shift: of the scene since the first
-    capture; None in that capture.
+    capture; None in that capture. illuminance_lux: on the scene, to which ``headlamp`` adds the light of a beam; None
+    without.
 
     >>> from blurnoise import Camera
     >>> warm = Camera.preset("imx250").with_figures(dark_current_e_s=100.0)
@@ -76,6 +88,8 @@ class Resolved(Generic[Number]):
     lamp_mask: Tensor | None = None
     windows_s: tuple[tuple[float, float], ...] = ()
     shift: Shift | None = None
+    illuminance_lux: Number | float = 0.0
+    headlamp: BeamLight | None = None
 
     @staticmethod
     def of(
@@ -87,20 +101,21 @@ class Resolved(Generic[Number]):
         velocity_px_s: Tensor,
         paths: tuple[Trajectory | None, ...],
         illuminant: str | Curve,
+        sensitivity: float = 1.0,
         **scene: Any,
     ) -> Resolved[Tensor]:
         """Conditions of one exposure of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
 
-        Numbers (B,) and :func:`velocities` are within their limits; paths: of each picture, or (). scene: the fields
-        objects, lamps, lamp_mask, windows_s and shift. Raises ``ValueError`` for motion beyond its limit, and for a
-        path that ends within the exposure.
+        Numbers (B,) and :func:`velocities` are within their limits; paths: of each picture, or (). sensitivity: a
+        factor on the capture's electrons. scene: the fields objects, lamps, lamp_mask, windows_s, shift and headlamp.
+        Raises ``ValueError`` for motion beyond its limit, and for a path that ends within the exposure.
         """
         size = image.shape[-2], image.shape[-1]
         if camera.sensor.cfa not in PLANES and min(size) < 2:
             must = f"behind cfa = {camera.sensor.cfa!r} must be at least 2 x 2"
             raise ValueError(f"image: {size[1]} x {size[0]} px; {must}")
         exposure, lux, temperature = (
-            numbers.to(image) for numbers in (exposure_s, illuminance_lux, temperature_c)
+            numbers.to(image) for numbers in (exposure_s, illuminance_lux * sensitivity, temperature_c)
         )
         white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
         by_flow = velocity_px_s.ndim > 2
@@ -121,6 +136,7 @@ class Resolved(Generic[Number]):
             paths,
             flow_px=moved if by_flow else None,
             variation_px=variation,
+            illuminance_lux=illuminance_lux.to(image),
             **scene,
         )
 
@@ -148,10 +164,11 @@ class Resolved(Generic[Number]):
         """The conditions of every frame, in the precision of the batch."""
         displacement = torch.as_tensor(self.displacement_px)
         varies = torch.as_tensor(self.variation_px).expand(len(displacement))
-        tensors = self.exposure_s, self.temperature_c, self.white_e, displacement, varies
+        lux = torch.as_tensor(self.illuminance_lux).expand(len(displacement))
+        tensors = self.exposure_s, self.temperature_c, self.white_e, displacement, varies, lux
         rows = zip(*(tensor.tolist() for tensor in tensors), strict=True)
         size = self.size or self.camera.field.size
-        for item, (exposure_s, temperature_c, white_e, (x, y), varies_px) in enumerate(rows):
+        for item, (exposure_s, temperature_c, white_e, (x, y), varies_px, of_scene) in enumerate(rows):
             layers = self.layers[item] if self.objects else ()
             one = slice(item, item + 1)
             yield Resolved(
@@ -168,6 +185,8 @@ class Resolved(Generic[Number]):
                 lamps=self.lamps[one],
                 windows_s=self.windows_s[one],
                 shift=None if self.shift is None else _farthest(self.shift, item),
+                illuminance_lux=of_scene,
+                headlamp=self.headlamp and BeamLight(self.headlamp.beam, self.headlamp.ranges_lux[one]),
             )
 
     def part(self: Resolved[Tensor], indices: list[int]) -> Resolved[Tensor]:
@@ -180,6 +199,9 @@ class Resolved(Generic[Number]):
             some[name] = values if any(values) else ()
         if self.shift is not None:
             some["shift"] = Shift(*(torch.as_tensor(tensor)[indices] for tensor in self.shift))
+        if (lit := self.headlamp) is not None:
+            ranges = tuple(lit.ranges_lux[item] for item in indices)
+            some["headlamp"] = BeamLight(lit.beam, ranges, lit.lux[indices])
         return replace(self, **some)
 
     def readout(self: Resolved[Tensor], indices: slice | list[int]) -> Resolved[Tensor]:

@@ -38,7 +38,9 @@ NYQUIST = 0.5
 _LEAST = -0.9  # of S/N: noise can make a measured power negative, and log2(1 + S/N) needs S/N > -1
 _GRID = torch.arange(129, dtype=torch.float64) / 256
 """Cycles/px of both axes of two-dimensional integrals: half the step that 128 px resolve."""
+# A quantile of 2.5 % needs about 40; each takes a plane of 129 x 129 frequencies.
 _RESAMPLES_2D = 60
+# As large as targets get, the limit of target_px.
 _CANVAS_PX = 128
 
 
@@ -323,6 +325,7 @@ def _axis(name: str, frequency: Tensor, count: int) -> Tensor:
 
 def _weights(axis: Tensor) -> Tensor:
     """Weights whose sum with a curve integrates it over |f| < 1/2: trapezia, those at the ends cut."""
+    # Each trapezium weighs its two ends; one that 1/2 cuts weighs them by the line between them.
     left, right = axis[:-1], axis[1:]
     start, stop = left.clamp(-NYQUIST, NYQUIST), right.clamp(-NYQUIST, NYQUIST)
     share = ((start + stop) / 2 - left) / (right - left)  # of the right end's value in the middle

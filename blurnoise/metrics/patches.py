@@ -150,6 +150,7 @@ def detection_probability(
     share_b = _share_between(b, a, low, high)
     p = torch.where(finite, share_a.mean(-1), math.nan)
     variance = share_a.var(-1) / n_a + share_b.var(-1) / n_b
+    # As many coin flips as have this variance: pairs share pixels, so that they are fewer than there are pairs.
     flips = torch.where(variance > 0, p * (1 - p) / variance, float(min(n_a, n_b)))
     centre = (p + Z**2 / (2 * flips)) / (1 + Z**2 / flips)
     margin = Z / (1 + Z**2 / flips) * torch.sqrt(p * (1 - p) / flips + (Z / (2 * flips)) ** 2)
@@ -194,6 +195,7 @@ def ssim(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
 def _trend(patch: Tensor) -> tuple[Tensor, int]:
     """Least-squares surface of second order of ``patch`` (..., H, W), and how many coefficients it has."""
     y, x = (torch.linspace(-1, 1, n, dtype=patch.dtype, device=patch.device) for n in patch.shape[-2:])
+    # x^i y^j up to second order, without powers that so few columns or rows cannot tell apart.
     powers = [(i, j) for i in range(3) for j in range(3 - i) if i < patch.shape[-1] and j < patch.shape[-2]]
     terms = torch.stack([(x**i * y[:, None] ** j).flatten() for i, j in powers], dim=-1)
     basis, _ = torch.linalg.qr(terms)

@@ -16,6 +16,7 @@ from blurnoise._core.luminance import LUMINANCE
 Roi = tuple[int, int, int, int]
 """Left, top, width and height of a region, px."""
 
+# A side of a region: fewer leave no flat sides beside an edge, and no noise to measure.
 SMALLEST_PX = 8
 CLIPPED_SHARE = 0.005
 """Share of pixels at black or full scale above which a region counts as clipped."""
@@ -161,6 +162,7 @@ def read_regions(image: Tensor, *, full_scale: float | None, black_level: float,
     if bool((highest[finite] > top).any()):
         largest = float(highest[finite].max())
         raise ValueError(f"image: holds {largest:g}, above full_scale = {top:g}; specify its full_scale")
+    # Pictures with values below 0 have their black level removed: they clip at their minimum, not at 0.
     floor = lowest.clamp(max=0.0)[:, None, None, None]
     at_limit = ((raw >= top) | (raw <= floor)).any(1)  # a single channel can clip, which luminance would hide
     clipped = at_limit.double().mean((1, 2)) > CLIPPED_SHARE

@@ -151,6 +151,7 @@ class View:
         x = (pixels[0] - (self.width_px - 1) / 2) / self.focal_px
         y = (pixels[1] - (self.height_px - 1) / 2) / self.focal_px
         theta = np.hypot(x, y)
+        # A radius in an f-theta picture is an angle, whatever the direction: it becomes a point of the unit sphere.
         bent = np.sinc(theta / np.pi)  # sin(theta) / theta
         return np.asarray(np.where(theta <= np.pi, np.stack([x * bent, y * bent, np.cos(theta)]), np.nan))
 
@@ -166,6 +167,7 @@ class View:
         if self._field:
             size = self.height_px, self.width_px
             seen = x, y = self._field.directions(pixels, size)
+            # One over the depth along the axis: of flow by translation alone distance matters.
             near = np.sqrt(1 + x * x + y * y) / range_m
             (vx, vy, vz), (wx, wy, wz) = velocity, turn
             u = (x * vz - vx) * near + wx * x * y - wy * (1 + x * x) + wz * y
@@ -179,6 +181,7 @@ class View:
             after, before = (self.calibrated.imaged(seen + moving * way, size) for way in (step_s, -step_s))
             return (after - before) / (2 * step_s)
         rays = self.rays(pixels)
+        # Motion along a ray shows nothing: only the part across it turns the ray.
         sideways = velocity.reshape(3, *[1] * (rays.ndim - 1)) - np.tensordot(velocity, rays, 1) * rays
         turned = -np.cross(turn, rays, axisb=0, axisc=0) - sideways / range_m
         across = np.hypot(rays[0], rays[1])
@@ -313,12 +316,14 @@ class Vehicle:
         ranges = self.road_m(rays)
         if self.plane_m is not None:
             ranges = np.minimum(ranges, range_of_depth_m(rays, self.plane_m))
+        # Beyond the lens nothing is seen, so nothing moves there.
         return np.nan_to_num(view.flow_px_s(pixels, ranges, motion))
 
 
 @lru_cache(maxsize=8)
 def _flows(vehicle: Vehicle, view: View) -> tuple[Tensor, Tensor | None]:
     """Flow per 1 m/s ahead, and flow by turning or None; their sum is the flow. Cached; read only."""
+    # Flow is linear in the speed: one flow for 1 m/s serves all speeds of a sweep, and gives their gradient.
     motions = [vehicle.driving(1.0), vehicle.driving(0.0, vehicle.yaw_deg_s, vehicle.pitch_deg_s)]
     flows = [vehicle._flow(view.pixels(), view, motion) for motion in motions[: 1 + vehicle.turns]]
     ahead, *turning = (torch.from_numpy(flow.astype(np.float32)) for flow in flows)

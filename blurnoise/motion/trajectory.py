@@ -28,6 +28,7 @@ from blurnoise.camera.spectra import Floats
 
 SIMPLIFIED_PX = 0.02  # from a path to its simplified one; at most 2 pi f times it in the transfer function
 _SAG_PX = 1e-3  # of curves between their knots
+# As many as two minutes of a vibration of 1 px at 100 Hz have.
 _MOST_KNOTS = 1 << 20
 _SPAN = 4096  # knots simplified together
 _STEPS = 2000  # of a shake during its exposure
@@ -131,6 +132,7 @@ class Trajectory:
         amplitude = in_range("amplitude_px", amplitude_px, 0.0, 1e4)
         omega = 2 * math.pi * limited("frequency_hz", frequency_hz)
         half = in_range("duration_s", duration_s, 0.0, above=True) / 2
+        # A chord of length s leaves a curve of curvature c by c s^2 / 8; here c is at most amplitude omega^2.
         step = math.sqrt(8 * _SAG_PX / max(amplitude, _SAG_PX)) / omega
         count = math.ceil(2 * half / step) + 1
         if count > _MOST_KNOTS:

@@ -57,6 +57,7 @@ def develop(
     """
     at = Development(camera, gain_db, encoding, illuminant, white_e)
     kind, active = _checked(dn, camera)
+    # Tables have no slope, and none holds a frame of several captures.
     formulas = differentiable(dn) or steps.FUSION in active
     if formulas or (dn.is_floating_point() and not _whole(dn)):
         return _developed(dn.to(kind), at, active)
@@ -117,6 +118,7 @@ def in_channels(picture: Tensor, channels: int) -> Tensor:
         return picture
     if found == 1:
         return picture.expand(-1, channels, -1, -1)
+    # The weighted sum of the values as they are, coded or linear, as pictures are turned grey everywhere.
     weights = torch.tensor(LUMINANCE, device=picture.device)
     luma = torch.einsum("c,bchw->bhw", weights, picture.float())[:, None]
     return luma.round().to(picture.dtype) if picture.dtype == torch.uint8 else luma.to(picture.dtype)
@@ -157,6 +159,7 @@ def _first_steps(dn: Tensor, at: Development, active: tuple[PictureStep, ...]) -
     count = 0
     if steps.FUSION in active:  # of which no table exists: it mixes frames
         return ()
+    # Where 16 bits serve: for pictures that a tone curve codes, in single precision at most.
     in_16_bits = at.encoding == "srgb" and dn.device.type == "cpu" and dn.dtype != torch.float64
     if in_16_bits and active[:3] == (steps.BLACK_LEVEL, steps.WHITE_BALANCE, steps.DEMOSAIC):
         count = 3 + (active[3:4] == (steps.COLOUR_MATRIX,))
@@ -216,6 +219,7 @@ def _in_16_bits(dn: Tensor, at: Development, first: tuple[PictureStep, ...], tab
         light = padded(numbers)
         np.multiply(light, by_site, out=light)
         np.minimum(light, highest, out=light)
+        # One call that scales, shifts, rounds and limits: what NumPy does in four passes.
         codes = cv2.addWeighted(light, SCALE, light, 0.0, OFFSET, dtype=cv2.CV_16U)
         colours = by_opencv(codes, camera.sensor.cfa, camera.isp.demosaic)
         if coloured:

@@ -89,6 +89,7 @@ def readers(camera: Camera) -> tuple[Camera, ...]:
         for reader, by in zip(each, factors(camera.sensor.captures), strict=True)
     ]
     for number, (end_e, following_e) in enumerate(pairwise(ends_e), 2):
+        # Else the capture that takes over would be full itself.
         if following_e < end_e * (1 - 1e-9):
             raise ValueError(
                 f"captures: number {number} saturates at {following_e:.4g} e- of the first, the one before it at "

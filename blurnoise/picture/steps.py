@@ -104,6 +104,7 @@ def _balanced(picture: Tensor, at: Development) -> Tensor:
     """White balance: a gain per filter, the smallest 1, and one clipping level, so that highlights stay white."""
     # Every filter clips at the same level after its gain, else a full red pixel would tint a white highlight.
     height, width = picture.shape[-2:]
+    # The pattern repeats every 2 x 2 pixels, from the picture's first one.
     tile = picture.new_tensor(site_gains(at.camera, at.illuminant)).view(2, 2)
     gains = tile.repeat((height + 1) // 2, (width + 1) // 2)[:height, :width]
     return (picture * gains).clamp(max=highest(at.camera))
@@ -133,6 +134,7 @@ def _compressed(picture: Tensor, at: Development) -> Tensor:
     codes = (picture.detach() * 255).round().clamp(0, 255).to(torch.uint8).cpu().numpy()
     each = codes.reshape(-1, *codes.shape[-3 if codes.shape[-3] == 3 else -2 :])
     seen = np.stack([_round_trip(image, quality) for image in each]).reshape(codes.shape)
+    # Back from 8 bits: a JPEG file holds no more.
     found = torch.from_numpy(seen).to(picture) / 255
     return picture + (found - picture).detach() if picture.requires_grad else found
 
@@ -227,6 +229,7 @@ def matrix(camera: Camera, illuminant: str | Curve = "D55") -> Matrix:
     if camera.sensor.cfa != "RCCB":
         return corrected
     red, green, blue = clear_shares(camera, illuminant)
+    # Clear = red share x R + green share x G + blue share x B of balanced values, solved for G.
     by_difference = ((1.0, 0.0, 0.0), (-red / green, 1 / green, -blue / green), (0.0, 0.0, 1.0))
     return colour.as_rows(np.array(corrected) @ np.array(by_difference))
 
@@ -298,6 +301,7 @@ def by_opencv(raw: NDArray[np.uint16], cfa: str, method: str) -> NDArray[np.uint
             raw, getattr(cv2, f"{name}_EA" if method == "edge" else name)
         )
         return colours[inner, inner]
+    # Only red pixels lack their clear value: the mean of four neighbours, in integers, rounded.
     grey = raw.copy()
     up, down, left, right = raw[1:-2:2, 2:-1:2], raw[3::2, 2:-1:2], raw[2:-1:2, 1:-2:2], raw[2:-1:2, 3::2]
     total = up.astype(np.uint32) + down + left + right
@@ -312,6 +316,7 @@ def _bilinear(plane: Tensor, cfa: str) -> Tensor:
         sites["RGB".index(letter.replace("C", "G")), 0, place // 2, place % 2] = 1.0
     height, width = plane.shape[-2:]
     here = sites.repeat(1, 1, (height + 1) // 2, (width + 1) // 2)[None, :, 0, :height, :width]
+    # Weights of the mean of the nearest pixels: green has four neighbours, red and blue two or, diagonally, four.
     cross = plane.new_tensor([[0, 1, 0], [1, 4, 1], [0, 1, 0]]) / 4
     square = plane.new_tensor([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4
     if cfa == "RCCC":  # the four neighbours of a red pixel are clear

@@ -18,7 +18,7 @@ from blurnoise._core.checks import limited_per_image
 from blurnoise.blur.layers import Layer
 from blurnoise.camera.captures import windows
 from blurnoise.light.lamp import per_picture as lamp_per_picture
-from blurnoise.light.resolved import Resolved, Shift, velocities
+from blurnoise.light.resolved import BeamLight, Resolved, Shift, velocities
 from blurnoise.motion.trajectory import Trajectory, per_picture
 from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.scene.exposure import Exposure
@@ -51,6 +51,9 @@ def captures_of_exposure(
     if len(seeds) != batch:
         raise ValueError(f"seed: got {len(seeds)} for a batch of {batch}; must be one for each picture")
     of_scene: dict[str, Any] = {"objects": _layers(scene, exposure, batch), "lamps": lamps}
+    if exposure.headlamp != "off":
+        exposure.check_beside_headlamps(float(lux.detach().min()))
+        of_scene["headlamp"] = _on_batch(scene.beam_light(exposure.headlamp), batch)
     if lamps and scene.lamp_mask is not None:
         of_scene["lamp_mask"] = scene.lamp_mask.expand(batch, -1, -1)
     captures = captures_of(camera)
@@ -82,11 +85,12 @@ def captures_of_exposure(
                 light,
                 reader,
                 exposure_s * ratio[0] / ratio[1],
-                lux * capture.sensitivity,
+                lux,
                 temperature_c,
                 velocity,
                 paths_now,
                 exposure.illuminant,
+                capture.sensitivity,
                 **of_scene,
             ),
             seeds_now,
@@ -98,6 +102,12 @@ def _background_velocity(scene: Scene, exposure: Exposure[Any]) -> Any:
     if exposure.drives:
         return exposure.vehicle.flow_px_s(exposure.camera, scene.size, exposure.ego_speed_m_s)
     return (0.0, 0.0) if exposure.moves == "targets" else exposure.velocity_px_s
+
+
+def _on_batch(lit: BeamLight, batch: int) -> BeamLight:
+    """The light of a beam on every frame of a batch."""
+    ranges = lit.ranges_lux * (batch // len(lit.ranges_lux))
+    return lit._replace(ranges_lux=ranges, lux=lit.lux.expand(batch, -1, -1, -1))
 
 
 def _layers(scene: Scene, exposure: Exposure[Any], batch: int) -> tuple[tuple[Layer, ...], ...]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import NamedTuple
 
 import cv2
@@ -18,6 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from blurnoise._core.beams import BeamPlanes, checked_planes
 from blurnoise._core.checks import an_instance, dense, image_batch, real_tensor
 from blurnoise.blur.displacement import spread_px
 from blurnoise.blur.layers import Layer
@@ -32,6 +34,8 @@ _LEAST = 1e-6  # smallest known share with which a coarse pixel counts as known
 class Cut(NamedTuple):
     """A picture (1, C, H, W) without its objects, the objects as layers, and the filled pixels (H, W).
 
+    headlamp_lux: what beams of headlamps add to the light on the background, lux, (1, 1, H, W) each.
+
     >>> matte = np.zeros((40, 50), np.float32)
     >>> matte[10:20, 12:30] = 1
     >>> cut = cut_out(torch.full((1, 3, 40, 50), 0.5), [matte], [(300.0, 0.0)])
@@ -42,6 +46,7 @@ class Cut(NamedTuple):
     background: Tensor
     layers: tuple[Layer, ...]
     invented: NDArray[np.bool_]
+    headlamp_lux: BeamPlanes = MappingProxyType({})
 
 
 def cut_out(
@@ -49,12 +54,15 @@ def cut_out(
     mattes: Sequence[Matte],
     velocities_px_s: Sequence[Iterable[float]],
     plate: Tensor | None = None,
+    headlamp_lux: BeamPlanes = MappingProxyType({}),
 ) -> Cut:
     """Cut the objects out of a picture (1, C, H, W) in linear light, back to front, and fill in the background.
 
     plate: a picture of the scene without the objects, of the same shape; without it, the background is filled in from
     the surroundings. Colours within 1 px of an object's edge, which contain the background, are taken from further
-    inside. Raises ``ValueError`` for a matte of another size, an empty one, and for objects that cover everything.
+    inside. headlamp_lux: what beams of headlamps add to the light on the picture, lux, (1, 1, H, W) each, which is
+    cut as the light is; a plate is lit as the surroundings of the objects are. Raises ``ValueError`` for a matte of
+    another size, an empty one, and for objects that cover everything.
 
     >>> matte = np.zeros((40, 50), np.float32)
     >>> matte[10:20, 12:30] = 1
@@ -79,13 +87,15 @@ def cut_out(
         if not (matte > 0).any():
             raise ValueError("matte: is empty")
         covered |= matte > 0
-    layers = tuple(map(partial(_layer, light), mattes, velocities_px_s))
-    if plate is not None:
-        return Cut(plate, layers, np.zeros(size, bool))
+    lamps = checked_planes("headlamp_lux", headlamp_lux, (1, 1, *size))
+    layers = tuple(map(partial(_layer, light, lamps), mattes, velocities_px_s))
     hole = hole_of(covered)
+    lit = {beam: filled(plane, hole) for beam, plane in lamps.items()}
+    if plate is not None:
+        return Cut(plate, layers, np.zeros(size, bool), lit)
     if hole.all():
         raise ValueError("matte: covers the whole picture; must leave some background, or needs a plate")
-    return Cut(filled(light, hole), layers, hole)
+    return Cut(filled(light, hole), layers, hole, lit)
 
 
 def hole_of(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -99,7 +109,7 @@ def hole_of(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(cv2.dilate(covered.astype(np.uint8), np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)) > 0)
 
 
-def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer:
+def _layer(light: Tensor, lamps: BeamPlanes, matte: Matte, velocity_px_s: Iterable[float]) -> Layer:
     matte = np.asarray(matte, np.float32)
     rows, columns = np.flatnonzero(matte.any(1)), np.flatnonzero(matte.any(0))
     box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
@@ -107,10 +117,16 @@ def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer
     kernel = np.ones((2 * _MIXED_PX + 1,) * 2, np.uint8)
     whole = (matte >= 1).astype(np.uint8)  # an object that the picture's border cuts goes on beyond it
     inside = cv2.erode(whole, kernel, borderType=cv2.BORDER_REPLICATE)[box] > 0
-    own = light[..., box[0], box[1]]
-    colour = filled(own, ~inside & (alpha > 0)) if inside.any() else own
+
+    def own(plane: Tensor) -> Tensor:
+        """The part of a picture (1, C, H, W), without what its edge shows of the background."""
+        part = plane[..., box[0], box[1]]
+        return filled(part, ~inside & (alpha > 0))[0] if inside.any() else part[0]
+
+    by_beam = {beam: own(plane) for beam, plane in lamps.items()}
     place = (int(columns[0]), int(rows[0]))
-    return Layer(colour[0], torch.from_numpy(np.ascontiguousarray(alpha)).to(light), velocity_px_s, place)
+    covers = torch.from_numpy(np.ascontiguousarray(alpha)).to(light)
+    return Layer(own(light), covers, velocity_px_s, place, headlamp_lux=by_beam)
 
 
 def filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
@@ -142,6 +158,7 @@ def _from_around(part: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray
     half, weight = ((width + 1) // 2, (height + 1) // 2), known.astype(np.float32)
     share = cv2.resize(weight, half, interpolation=cv2.INTER_AREA)
     light = cv2.resize(part * weight[..., None], half, interpolation=cv2.INTER_AREA).reshape(*share.shape, -1)
+    # Half the scale each time: a hole of any size is filled after as many steps as its size has bits.
     coarse = _from_around(light / np.maximum(share, _LEAST)[..., None], share > _LEAST)
     finer = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(part.shape)
     return np.where(known[..., None], part, finer)
@@ -179,7 +196,13 @@ def matte_of(masks: Tensor) -> Matte | None:
     return None if not matte.any() or hole_of(matte > 0).all() else matte
 
 
-def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: float) -> Cut:
+def in_motion(
+    light: Tensor,
+    matte: Matte,
+    velocity_px_s: Tensor,
+    exposure_s: float,
+    headlamp_lux: BeamPlanes = MappingProxyType({}),
+) -> Cut:
     """Cut a picture (1, C, H, W) in linear light into the background and the matte's objects at a velocity (2,).
 
     All objects of a picture move alike, so the union of its masks is enough. Objects whose paths overlap share one
@@ -195,7 +218,8 @@ def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: fl
     across, down = [
         max(1, spread_px(abs(along) * exposure_s / 2)) for along in velocity_px_s.detach().tolist()
     ]
+    # Objects are one where their paths may meet: within the reach of the blur, tails included.
     near = cv2.dilate(covered, np.ones((2 * down + 1, 2 * across + 1), np.uint8))
     count, parts = cv2.connectedComponents(near)
     own = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]
-    return cut_out(light, own, [velocity_px_s] * len(own))
+    return cut_out(light, own, [velocity_px_s] * len(own), headlamp_lux=headlamp_lux)

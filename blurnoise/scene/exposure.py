@@ -16,6 +16,7 @@ from torch import Tensor
 from typing_extensions import TypeVar
 
 from blurnoise._core import rng
+from blurnoise._core.beams import BEAMS
 from blurnoise._core.checks import (
     an_instance,
     boxes,
@@ -44,6 +45,9 @@ Moves = Literal["all", "targets", "background"]
 MOVES: tuple[Moves, ...] = get_args(Moves)
 """What moves: everything, the targets before a camera at rest, or the background behind targets that it tracks."""
 Number = TypeVar("Number", float, Tensor, default=float)
+HEADLAMP: tuple[str, ...] = ("off", *BEAMS)
+"""The beam of the vehicle's headlamps."""
+_LEAST_LUX = 1e-6  # beside headlamps, whose light is a multiple of the illuminance's
 _NUMBERS = ("exposure_s", "illuminance_lux", "temperature_c")
 _PER_FRAME = ("seed", "trajectory", "lamp", "ego_speed_m_s")
 _THIRDS = ((1.0, 0.5, 0.0), (0.0, 0.5, 1.0))  # weights of a side's two ends, for its ends and its middle
@@ -62,8 +66,9 @@ class Exposure(Generic[Number]):
     ``MOVES``: which part of a picture with cut-out targets moves. ego_speed_m_s: speed of the camera's vehicle, in
     place of velocity_px_s; with moves = "background" the targets drive along. lamp: the pulsed lamp that lights the
     scene; for a batch also one or None for each picture. illuminant: the light's spectrum, a name or a curve (see
-    :func:`blurnoise.camera.spectra.illuminant`), one for a batch. Raises ``TypeError`` or ``ValueError`` naming the
-    field and what is allowed.
+    :func:`blurnoise.camera.spectra.illuminant`), one for a batch. headlamp: "off", "low" or "high", the beam that
+    lights the scene in addition, one for a batch; see :attr:`blurnoise.Scene.headlamp_lux`. Raises ``TypeError`` or
+    ``ValueError`` naming the field and what is allowed.
 
     >>> from blurnoise import Camera
     >>> exposure = Exposure(Camera.preset("imx250"), 0.01, 50.0, velocity_px_s=(1000.0, 0.0))
@@ -84,12 +89,14 @@ class Exposure(Generic[Number]):
     vehicle: Vehicle = USUAL_VEHICLE
     lamp: Any = None  # Pwm | None, of a batch also Sequence[Pwm | None]
     illuminant: str | Curve = "D55"
+    headlamp: str = "off"
 
     def __post_init__(self) -> None:
         an_instance("camera", self.camera, Camera)
         one_of("moves", self.moves, MOVES)
         an_instance("vehicle", self.vehicle, Vehicle)
         check_illuminant(self.illuminant)
+        one_of("headlamp", self.headlamp, HEADLAMP)
         if not isinstance(self.gain_db, AutoExposure):
             _ = self.amplified  # whose gain has limits of its own
         batched = self.batched
@@ -104,7 +111,7 @@ class Exposure(Generic[Number]):
     def _check_one(self: Exposure[float]) -> None:
         """Check the values of one frame. Those of a batch are checked against its pictures."""
         exposure_s = 0.0 if self.automatic_time else limited("exposure_s", self.exposure_s)
-        limited("illuminance_lux", self.illuminance_lux)
+        self.check_beside_headlamps(limited("illuminance_lux", self.illuminance_lux))
         limited("temperature_c", self.temperature_c)
         if not isinstance(self.velocity_px_s, tuple) or len(self.velocity_px_s) != 2:
             raise ValueError(f"velocity_px_s = {shown(self.velocity_px_s)}: must be two numbers (x, y)")
@@ -116,6 +123,12 @@ class Exposure(Generic[Number]):
         if self.lamp is not None:
             an_instance("lamp", self.lamp, Pwm)
         limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")
+
+    def check_beside_headlamps(self, least_lux: float) -> None:
+        """Raise ``ValueError`` where there is too little light to multiply by headlamps."""
+        if self.headlamp != "off" and least_lux < _LEAST_LUX:
+            must = f"needs illuminance_lux >= {_LEAST_LUX:g}; moonlight is 0.3"
+            raise ValueError(f"headlamp = {self.headlamp!r}: {must}")
 
     @property
     def _velocity(self) -> Tensor:

@@ -19,6 +19,7 @@ from blurnoise.camera.captures import Capture, longest_first_s
 from blurnoise.camera.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
 from blurnoise.camera.spectra import Curve
 
+# Of photographers' grey cards, half-way between black and white to the eye (L* = 49.5).
 GREY = 0.18
 _ALLOWED = "must be mean, pNN (a percentile above 0, up to 100) or x0,y0,x1,y1 (px, x1 and y1 not included)"
 
@@ -175,6 +176,7 @@ class AutoExposure:
             limited("exposure_s", exposure_s),
             min(self.gain_max_db, camera.sensor.gain_max_db),
         )
+        # With the largest gain the picture would be too bright: the target takes less.
         if (reading := exposure_s * rate) * brightness(camera, gain_db) > self.target:
             gain_db = _gain_db(camera, max(1.0, self.target / reading), gain_db)
         return Setting(exposure_s, gain_db, reading * brightness(camera, gain_db))
@@ -188,6 +190,7 @@ class AutoExposure:
         0.02
         """
         exposure_s = min(wanted_s, self.limit_s)
+        # Lamps on the mains flicker twice a period: once for each half-wave.
         period_s = 1 / (2 * self.mains_hz) if self.mains_hz else 0.0
         if period_s and exposure_s >= period_s * (1 - _STEP):
             exposure_s = math.floor(exposure_s / period_s + _STEP) * period_s

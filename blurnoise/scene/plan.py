@@ -207,5 +207,6 @@ def _rounding_dn2(camera: Camera, spread_dn: float) -> float:
     """DN^2 that rounding adds to a spread that is not dithered."""
     if spread_dn <= _SINGLE * camera.sensor.full_scale_dn:
         return 0.0
+    # A spread that stays away from a rounding border is rounded to one number: nothing is left of it to err.
     from_border_dn = abs(camera.sensor.black_level_dn % 1 - 0.5)
     return _ROUNDING_DN2 if from_border_dn < 4 * spread_dn else min(spread_dn, _ROUNDING_DN2)

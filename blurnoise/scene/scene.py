@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Hashable, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 from functools import lru_cache, partial
 from typing import Any, Self
 
@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core import rng
+from blurnoise._core.beams import BeamPlanes, checked_planes
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import batch_shaped, image_batch, one_of
 from blurnoise.blur.layers import Layer, Layers, layers_per_picture
 from blurnoise.camera.colour import PictureTone, picture_tone, untoned
 from blurnoise.light.capture import checked_mask
-from blurnoise.scene.metering import anchored
+from blurnoise.light.resolved import BeamLight
+from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.metering import anchored, mean_luma
 
 _FIELDS = 2  # noise fields that a scene keeps: those of shot and read noise
 
@@ -31,8 +34,9 @@ class Scene:
 
     layers: objects in front of the pictures, the same for all, or a sequence for each (:mod:`blurnoise.blur.layers`).
     border: how pictures go on beyond their sides. lamp_mask: (H, W) or (B, H, W), the share of each pixel's light
-    that comes from a pulsed lamp; None: all of it. The light's spectrum is the exposure's. Raises ``TypeError`` or
-    ``ValueError`` naming the argument.
+    that comes from a pulsed lamp; None: all of it. headlamp_lux: for each beam, "low" or "high", what headlamps add
+    to the illuminance of each pixel, lux, (B, 1, H, W), or (1, 1, H, W) for all pictures; layers have their own. The
+    light's spectrum and the beam are the exposure's. Raises ``TypeError`` or ``ValueError`` naming the argument.
 
     >>> scene = Scene.of_picture(np.full((2, 3, 3), 118, np.uint8))
     >>> round(float(scene.light.mean()), 3)  # the reflectance of middle grey
@@ -44,6 +48,7 @@ class Scene:
     layers: Layers = ()
     border: Border = "reflect"
     lamp_mask: Tensor | None = None
+    headlamp_lux: BeamPlanes = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         light = image_batch("light", self.light)
@@ -53,6 +58,10 @@ class Scene:
         self.brightest = brightest(light, per_picture)
         if self.lamp_mask is not None:
             self.lamp_mask = checked_mask(self.lamp_mask, len(light), self.size)
+        one, every = (1, 1, *self.size), (len(light), 1, *self.size)
+        self.headlamp_lux = checked_planes("headlamp_lux", self.headlamp_lux, every, one)
+        self._beams: dict[str, BeamLight] = {}
+        self._means: dict[Hashable, float] = {}  # threads may compute one twice, which is harmless
         self._field = lru_cache(_FIELDS)(partial(_noise_field, self.light[:1, :1]))  # no cycle: freed at once
 
     @classmethod
@@ -75,6 +84,39 @@ class Scene:
         """(H, W) of the pictures."""
         return self.light.shape[-2], self.light.shape[-1]
 
+    def beam_light(self, beam: str) -> BeamLight:
+        """The light of a beam on the pictures. Raises ``ValueError`` where the scene, or a layer of it, has none."""
+        if beam not in self._beams:
+            known = {"the scene": [self.headlamp_lux]}
+            known["a layer of the scene"] = [one.headlamp_lux for some in self.per_picture for one in some]
+            for what, every in known.items():
+                if not all(beam in planes for planes in every):
+                    raise ValueError(f"headlamp = {beam!r}: {what} has no headlamp_lux of this beam")
+            plane = self.headlamp_lux[beam].to(self.light)
+            ranges = tuple(
+                (*extremes(each), _rms(each)) for each in plane.expand(len(self.light), -1, -1, -1)
+            )
+            self._beams[beam] = BeamLight(beam, ranges, plane)
+        return self._beams[beam]
+
+    def mean_light(self, exposure: Exposure[Any]) -> float:
+        """Mean light of the first picture as the exposure's camera meters it (:func:`.metering.mean_luma`).
+
+        With headlamps mean(light) + mean(light X) / E, both of them computed once for any number of exposures.
+        """
+
+        def mean(beam: str) -> float:
+            key = exposure.camera, exposure.illuminant, beam
+            if key not in self._means:
+                plane = 1.0 if beam == "off" else self.beam_light(beam).lux[:1]
+                light = self.light[:1] * plane
+                self._means[key] = float(mean_luma(light, exposure.camera, exposure.illuminant)[0])
+            return self._means[key]
+
+        if exposure.headlamp == "off":
+            return mean("off")
+        return mean("off") + mean(exposure.headlamp) / float(exposure.illuminance_lux)
+
     def normal(self, seeds: Sequence[int], like: Tensor, stream: str) -> Tensor:
         """``rng.standard_normal`` of one seed for all frames of a picture; the last two fields are kept."""
         return self._field(seeds[0], stream, like.shape[1]).expand(like.shape)
@@ -82,6 +124,10 @@ class Scene:
 
 def _noise_field(plane: Tensor, seed: int, stream: str, planes: int) -> Tensor:
     return rng.standard_normal([seed], plane.expand(-1, planes, -1, -1), stream)
+
+
+def _rms(plane: Tensor) -> float:
+    return float(plane.detach().double().square().mean().sqrt())
 
 
 def brightest(light: Tensor, layers: Sequence[Sequence[Layer]]) -> list[float]:

@@ -32,7 +32,7 @@ from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.picture.steps import magnification
 from blurnoise.scene.captures import captures_of_exposure
 from blurnoise.scene.exposure import Exposure
-from blurnoise.scene.metering import AutoExposure, mean_luma
+from blurnoise.scene.metering import AutoExposure
 from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan_at
 from blurnoise.scene.scene import Scene, brightest
 from blurnoise.sensor.readout import Fidelity, ReadoutOptions, digitised
@@ -193,8 +193,7 @@ def _metered(scene: Scene, exposure: Exposure[Any]) -> Exposure[Any]:
     if len(scene.light) != 1 or exposure.batched:
         must = "must be a number for several pictures; blurnoise.expose_pictures meters each"
         raise ValueError(f"gain_db: is automatic; {must}")
-    (mean_light,) = mean_luma(scene.light, exposure.camera, exposure.illuminant).tolist()
-    return exposure.metered(mean_light)
+    return exposure.metered(scene.mean_light(exposure))
 
 
 def _reads_alike(exposure: Exposure[float]) -> Hashable:
@@ -202,7 +201,7 @@ def _reads_alike(exposure: Exposure[float]) -> Hashable:
     moved = tuple(speed * exposure.exposure_s for speed in exposure.velocity_px_s)
     drives = (exposure.exposure_s, exposure.ego_speed_m_s, exposure.vehicle) if exposure.drives else None
     what = exposure.camera, exposure.illuminant, exposure.gain_db, exposure.seed, exposure.trajectory
-    return *what, exposure.lamp, exposure.moves, moved, drives
+    return *what, exposure.lamp, exposure.headlamp, exposure.moves, moved, drives
 
 
 def _taken(

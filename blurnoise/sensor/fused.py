@@ -56,6 +56,7 @@ def write_frames(scene: Tensor, at: ReadoutFields, out: Tensor, tones: Tensor | 
     """
     if at.law == "exact":  # counts, drawn by the stages that lead to them, are light of one electron each
         for stage in stages.LINEAR_MODEL[: stages.LINEAR_MODEL.index(stages.FULL_WELL)]:
+            # Counts that cannot be drawn in pieces: a Poisson sampler takes one stream over the whole frame.
             scene = stage.apply(scene, at)
         at = replace(at, white_e=torch.ones_like(at.white_e), dark_e=torch.zeros_like(at.dark_e), gain=None)
     light = _flat(scene)
@@ -66,6 +67,7 @@ def write_frames(scene: Tensor, at: ReadoutFields, out: Tensor, tones: Tensor | 
     fields = [None if each is None else _flat(each) for each in (at.normal, at.read, at.gain, offset_e)]
     table, full_scale_dn = None, at.camera.sensor.full_scale_dn
     if tones is not None:  # for every code of 16 bits
+        # Codes above full scale look up the last tone: that saves clipping them.
         table = np.pad(tones.numpy()[: full_scale_dn + 1], (0, 65_535 - full_scale_dn), mode="edge")
     count = threads * math.ceil(light.size / _PIECE / threads)
     step = math.ceil(pixels / count)
@@ -101,10 +103,12 @@ def _write_piece(
     # NumPy would take three times as long.
     torch.clamp(torch.from_numpy(given), min=0.0, max=most, out=torch.from_numpy(lit))
     if law == "merged" and normal is not None:
+        # z^2 - 1 of the skewness, once for all lights: it does not depend on them.
         np.multiply(normal, normal, out=bend)
         bend -= 1.0
     for white_e, dark_e, frame in zip(whites_e, darks_e, out, strict=True):
         # Light, dark charge and noise are in units of unit_e electrons: one pass less.
+        # In units of white's electrons the light is the mean already, and the gain takes up the unit at the end.
         mean, unit_e = lit, white_e
         if dark_e > 0.0 or white_e <= _FAINT_E or law == "counts" or offset_e is not None:
             mean, unit_e = np.multiply(lit, white_e, out=signal), 1.0
@@ -139,6 +143,7 @@ def _where_full(
     mean: Plane, unit_e: float, camera: Camera, normal: Plane, read: Plane, offset_e: Plane | None
 ) -> tuple[NDArray[np.bool_], Plane] | None:
     """Pixels whose charge may reach the full well, and their codes with the well applied; None if none do."""
+    # Few pixels, if any: these are drawn in two steps, as the well clips between shot noise and read noise.
     where = mean >= stages.nearly_full_e(camera) / unit_e
     if not where.any():
         return None

@@ -140,6 +140,7 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
         return replace(fields, **noise)
 
     if with_gradients or not (known and options.quantised and plain(scene)):
+        # The reference: for gradients, for stages that the fast route does not know, and on other devices.
         every = slice(None)
         in_pieces = plain(scene) and not with_gradients
         dn = (_in_pieces if in_pieces else _through)(active, scene, drawn(every, every))
@@ -155,6 +156,7 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
         first = slice(frames.start, frames.start + 1)  # several lights on one picture share its fields
         fused.write_frames(scene[first], drawn(first, frames), written[frames], options.tones, threads)
 
+    # Frames of one picture with the same noise differ in light alone: one draw serves them all.
     one_draw = law == "none" or (law == "merged" and len(set(options.seeds)) == 1)
     near = float(white_e.max()) <= _MOST_APART * float(white_e.min())
     step = len(scene) if one_draw and scene.stride(0) == 0 and near else 1
@@ -182,6 +184,7 @@ def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: ReadoutFields)
         if not by_pieces:
             signal = _through(neighbours, signal, at)
             continue
+        # A piece must not overwrite what another piece has still to read.
         if signal.untyped_storage().data_ptr() == plane.untyped_storage().data_ptr():
             plane = torch.empty_like(plane)  # a stage may return a view of other places
         signal = _write_pieces(list(neighbours), signal, pieces, plane)
@@ -226,6 +229,7 @@ def _law(camera: Camera, options: ReadoutOptions, with_gradients: bool, active: 
         return "exact"
     if camera.sensor.read_noise_e < MERGE_READ_NOISE_E and not with_gradients:
         return "counts"
+    # One draw can stand for both noises only if nothing but the full well, which is handled apart, is between them.
     after_shot = active[active.index(stages.SHOT_NOISE) + 1 :]
     last = stages.READ_NOISE if stages.READ_NOISE in after_shot else stages.FULL_WELL
     between = after_shot[: after_shot.index(last)]

@@ -113,6 +113,7 @@ class PhotonTransfer(SensorStage):
 
     def bound_dn(self, at: Resolved[float]) -> float:
         most_e, camera = signal_bound_e(at) + at.dark_e, at.camera
+        # A piecewise linear factor is farthest from 1 at a point of it, or at the most that the picture reaches.
         places_e = [share * camera.sensor.saturation_e for share, _ in camera.sensor.photon_transfer]
         reached = [camera.sensor.variance_factor(min(place_e, most_e)) for place_e in (*places_e, most_e)]
         farthest = max(abs(math.sqrt(factor) - 1) for factor in reached)
@@ -141,6 +142,7 @@ class ShotNoise(SensorStage):
             return signal
         elif at.law == "merged":
             drawn = noisy_electrons(signal, camera.sensor.read_noise_e, at.normal, bend)
+            # Far below the well it never clips, so that one draw gives the same law.
             full = signal >= nearly_full_e(camera)
             if at.read is None or not bool(full.any()):
                 return drawn
@@ -173,6 +175,7 @@ class FullWell(SensorStage):
     essential = True
 
     def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
+        # Merged, read noise is in the signal already, and must not be clipped with the charge: shot noise did that.
         return signal if at.law == "merged" else signal.clamp(max=at.camera.sensor.well_limit_e)
 
 
@@ -425,6 +428,7 @@ def nearly_full_e(camera: Camera) -> float:
         camera.sensor.well_limit_e,
         max((factor for _, factor in camera.sensor.photon_transfer), default=1.0),
     )
+    # Beyond six deviations lies one value in 1e9, less than one of a frame.
     return well_e if math.isinf(well_e) else well_e - 6 * math.sqrt(well_e * most)
 
 

@@ -128,6 +128,7 @@ def pixels_after(exposure: Exposure, size: Sequence[int]) -> Pixels | None:
     height, width = size
     if not effects.displace(exposure.camera) or not height * width:
         return None
+    # Nearest, never interpolated: between labels 3 and 7 there is no label 5.
     column, row = np.floor(exposure.origins((height, width)) + 0.5).astype(np.intp)  # rounds all halves up
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     return row.clip(0, height - 1), column.clip(0, width - 1), inside

@@ -112,6 +112,7 @@ class ExposureRanges(ExposureSource):
             raise ValueError(f"moves = {self.moves!r}: must be 'all' or 'background' with ego_kmh")
         for reached in self._reached():
             limited(*reached)
+        # A shake has a fixed number of steps during the exposure, so a read-out 500 times as long has too many.
         shortest, _ = checked["exposure_s"]
         for camera in cameras if "shake_px" in self._drawn else ():
             if path_duration_s(camera, shortest) > LONGEST_SHAKE * shortest:
@@ -168,6 +169,7 @@ class ExposureRanges(ExposureSource):
                 drawn[name] = chosen(share, len(self.cameras if name == "camera_index" else self.moves))
                 continue
             low, high = vars(self).get(name, (0.0, 1.0))  # the phase of a lamp has no range: it is random
+            # Rounding of the power may pass the ends, hence the clamp.
             value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
             drawn[name] = value.clamp(low, high)
         exposure_s, index = drawn["exposure_s"], drawn["camera_index"]

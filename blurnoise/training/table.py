@@ -35,6 +35,7 @@ FILE = "conditions.json"
 """The file of a sweep's folder with its cameras and the conditions that it tested."""
 _MOST_SATURATED = 0.1  # mean share of values at a limit of the sensor with which a condition is used
 _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
+# A divisor in place of 0.
 _TINY = 1e-30
 _NOT_DRAWN = ("trajectory", "ego", "speeds", "grey_anchor", "lamps", "hdr_white")
 """Settings of a sweep that training does not have."""

@@ -20,6 +20,7 @@ from blurnoise.metrics.edge.faults import Shape
 from blurnoise.metrics.edge.spline import knots_px
 
 MASK_PX = 0.7  # of the sharpening's Gaussian
+# Sigma of a Gaussian: sharper edges are those of the pixel alone, and the table's formulas divide by it.
 SHARPEST_PX = 0.05
 MATTERS = 0.015  # share of MTF50 that a fault must change before it raises a flag
 MISFIT = (

@@ -34,6 +34,7 @@ RISING = 4.0  # standard errors of a significant rise
 CERTAIN = 4.0  # standard errors of a correlation: one in 3 000 edges with white noise has it
 ALTERNATES = 5.0  # standard errors by which neighbours must alternate
 FADED = 1.5  # standard errors below which a correlation has ended
+# Lags of the noise's correlation: across the edge filters reach a few pixels, along it columns go on.
 ACROSS_PX, ALONG_PX = 6, 24
 LENGTHS_PER_BLOCK, REACHES_PER_BLOCK, FEWEST_BLOCKS = 4, 2, 7
 

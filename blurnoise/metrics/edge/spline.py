@@ -18,6 +18,7 @@ from torch.nn.functional import avg_pool2d
 
 from blurnoise.metrics.edge.position import Upright, cosine, row_basis
 
+# Finer knots follow noise, coarser ones blur: these keep .999 of a wave at half a cycle per pixel.
 KNOT_PX = 0.25
 LINE_ORDER = 3  # of the polynomial that the edge may follow: a lens bends straight edges
 CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
@@ -203,6 +204,7 @@ def _fitted(pixels: Pixels, reach_px: Tensor) -> tuple[Tensor, Tensor, Tensor, T
     free = place.abs() <= reach_px[:, None] - KNOT_PX
     fixed = ((place > 0) & ~free).to(torch.float64)
     one = torch.eye(pixels.size, dtype=torch.float64)
+    # Third differences: lines and parabolas cost nothing, so that smooth edges keep their width.
     rough = torch.diff(one, n=3, dim=0)
     per_knot = pixels.count * KNOT_PX / (2 * reach_px)
     products = pixels.products()

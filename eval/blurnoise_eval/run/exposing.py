@@ -28,7 +28,6 @@ from blurnoise.picture import fusion
 from blurnoise.picture.develop import develop_8bit, tones_8bit
 from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.scene.exposure import Exposure
-from blurnoise.scene.metering import mean_luma
 from blurnoise.scene.scene import Scene
 from blurnoise.scene.take import Frames, TakeOptions, take_each
 from blurnoise_eval.datasets import (
@@ -85,7 +84,6 @@ class PictureScene:
         self._picture, self.objects = picture, plan.objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
         self._lock = threading.Lock()
-        self._means: dict[tuple[Camera, str | Curve], float] = {}
         try:
             self.light = Scene.of_picture(image, plan.grey_anchor, plan.picture_tone)
         except ValueError as error:
@@ -127,13 +125,6 @@ class PictureScene:
                 velocity = taken.of_targets(objects.speed_of(target.label)).velocity_px_s
                 found[place] = math.hypot(*velocity) * taken.exposure_s
         return found
-
-    def mean_light(self, camera: Camera, illuminant: str | Curve = "D55") -> float:
-        """As the camera meters it: by luma, or by what its pixels make of the colours."""
-        lit = camera, illuminant
-        if lit not in self._means:
-            self._means[lit] = float(mean_luma(self.light.light, camera, illuminant)[0])
-        return self._means[lit]
 
     def missed_pulse(self, taken: Exposure) -> bool | None:
         """Whether no row of the pulsed lamp receives light in any capture, at rest; None without lamp."""
@@ -194,7 +185,7 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
         if at.automatic:
             exposure_s = math.nan if "exposure_s" in at.automatic else exposure.exposure_s
             exposure = replace(exposure, exposure_s=exposure_s, gain_db=plan.auto_exposure).metered(
-                scene.mean_light(camera, exposure.illuminant)
+                scene.light.mean_light(exposure)
             )
         if plan.path is not None:
             along = plan.path[0].of(camera, (height, width), plan.path[1], cell.seed)
@@ -214,7 +205,7 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
             exposure,
             *boxes,
             saturated=_saturated(image, brightest(exposure, plan.hdr_white)),
-            snr_db=snr_db(exposure, scene.mean_light(camera, exposure.illuminant)),
+            snr_db=snr_db(exposure, scene.light.mean_light(exposure)),
             brightness=cv2.mean(image.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
             own_px=scene.own_px(exposure),

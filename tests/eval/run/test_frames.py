@@ -44,7 +44,9 @@ def test_the_camera_sets_time_first_then_gain(lux, limited):
     """Where no limit is reached the mean of the linear picture is the meter's target, 18 %."""
     scene = PictureScene(grey(150))
     (frame,) = frames(scene, [Cell("p", 0, Conditions(**AUTO, illuminance_lux=lux), 3)], CAMERA)
-    setting = AutoExposure().setting(CAMERA, mean_light=scene.mean_light(CAMERA), illuminance_lux=lux)
+    setting = AutoExposure().setting(
+        CAMERA, mean_light=scene.light.mean_light(Exposure(CAMERA, 0.01, lux)), illuminance_lux=lux
+    )
     given = {"exposure_s": frame.exposure.exposure_s, "gain_db": frame.exposure.gain_db}
     assert given == {"exposure_s": setting.exposure_s, "gain_db": setting.gain_db}
     assert (given["gain_db"] > 0) == limited
