@@ -191,10 +191,10 @@ def test_it_follows_the_blurs_in_one_transform():
     assert names.index("rolling shutter") + 1 == names.index("veiling glare") == names.index("vignetting") - 1
 
 
-@pytest.mark.parametrize("row_time_s", [0.0, 2e-5])
-def test_what_moves_and_is_out_of_focus_is_scattered_after_it(row_time_s):
+@pytest.mark.parametrize("rows", [{}, {"shutter": "rolling", "row_time_s": 2e-5}])
+def test_what_moves_and_is_out_of_focus_is_scattered_after_it(rows):
     """Also with rows that are exposed in turn: the same as scattering what they have seen."""
-    camera = CAMERA.with_figures(row_time_s=row_time_s, defocus_radius_px=1.5)
+    camera = CAMERA.with_figures(defocus_radius_px=1.5, **rows)
     moved = replace(at(camera), exposure_s=torch.tensor([0.01]), displacement_px=torch.tensor([[6.0, -2.0]]))
     scattering = replace(moved, camera=camera.with_figures(veil_share=0.01, halo_share=0.05))
     light = picture((60, 86))
