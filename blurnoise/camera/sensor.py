@@ -259,7 +259,7 @@ class Sensor:
         >>> from blurnoise import Camera
         >>> amplified = Camera.preset("imx250").sensor.amplified(20.0)
         >>> round(amplified.system_gain_dn_per_e, 2), round(amplified.saturation_e)
-        (3.82, 1072)
+        (3.6, 1072)
         """
         if analogue_db == 0:
             return self

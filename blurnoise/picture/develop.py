@@ -52,8 +52,8 @@ def develop(
     >>> import torch
     >>> from blurnoise import Camera
     >>> camera = Camera.preset("imx250")
-    >>> develop(torch.tensor([[[[6.0, 1000.0, 4095.0]]]]), camera).round(decimals=3)
-    tensor([[[[0.0000, 0.5300, 1.0000]]]])
+    >>> develop(torch.tensor([[[[240.0, 1000.0, 4095.0]]]]), camera).round(decimals=3)
+    tensor([[[[0.0000, 0.4810, 1.0000]]]])
     """
     at = Development(camera, gain_db, encoding, illuminant, white_e)
     kind, active = _checked(dn, camera)

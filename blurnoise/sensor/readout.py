@@ -81,7 +81,7 @@ def read_out(
     >>> from blurnoise import Camera
     >>> grey = torch.full((1, 1, 1, 2), 0.5)
     >>> read_out(grey, Camera.preset("imx250"), white_e=1000.0, exposure_s=0.01, noise=False)
-    tensor([[[[197., 197.]]]])
+    tensor([[[[420., 420.]]]])
     """
     batch = len(image_batch("scene", scene))
     at = Resolved(
