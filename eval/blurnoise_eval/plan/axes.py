@@ -24,7 +24,11 @@ AUTOMATIC = math.inf
 
 
 def number(text: str | float, *, automatic: bool = False) -> float:
-    """A finite number, or ``AUTOMATIC`` for "auto" where that is allowed. Raises ``ValueError``."""
+    """A finite number, or ``AUTOMATIC`` for "auto" where that is allowed. Raises ``ValueError``.
+
+    >>> number("12.5"), number("auto", automatic=True) == AUTOMATIC
+    (12.5, True)
+    """
     if automatic and isinstance(text, str) and text.strip() == "auto":
         return AUTOMATIC
     try:
@@ -37,7 +41,11 @@ def number(text: str | float, *, automatic: bool = False) -> float:
 
 
 def bounds(text: str) -> tuple[float, float]:
-    """The numbers of "low:high", or one number for both. Raises ``ValueError``."""
+    """The numbers of "low:high", or one number for both. Raises ``ValueError``.
+
+    >>> bounds("2:50"), bounds("5")
+    ((2.0, 50.0), (5.0, 5.0))
+    """
     low, colon, high = str(text).partition(":")
     try:
         return float(low), float(high if colon else low)
@@ -234,7 +242,12 @@ class Axis:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A quantity to draw against that follows from the axes; ``of`` computes it from a row of a table."""
+    """A quantity to draw against that follows from the axes; ``of`` computes it from a row of a table.
+
+    >>> row = {"velocity_x_px_s": 400.0, "velocity_y_px_s": 300.0, "exposure_s": 0.01}
+    >>> BLUR.of(row), BLUR.text(BLUR.of(row))  # 500 px/s for 10 ms
+    (5.0, 'blur 5 px')
+    """
 
     name: str
     title: str
@@ -245,7 +258,11 @@ class Coordinate:
 
 
 def milliseconds(exposure_s: float, digits: int = 3) -> str:
-    """An exposure in ms, with at most so many digits: '2.5'."""
+    """An exposure in ms, with at most so many digits: '2.5'.
+
+    >>> milliseconds(0.0025), milliseconds(1 / 30)
+    ('2.5', '33.3')
+    """
     return _positional(1e3 * exposure_s, digits)
 
 
@@ -378,7 +395,11 @@ class OnAxes(Mapping[str, float | None]):
 
 
 def axis(name: str) -> Axis:
-    """The axis of this name. Raises ``ValueError`` that lists the names."""
+    """The axis of this name. Raises ``ValueError`` that lists the names.
+
+    >>> axis("exposure_s").values("2,10"), axis("exposure_s").text(0.01)
+    ((0.002, 0.01), '10 ms')
+    """
     for axis in AXES:
         if axis.name == name:
             return axis
@@ -386,7 +407,11 @@ def axis(name: str) -> Axis:
 
 
 def named(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row as files have it: choices by their names."""
+    """A row as files have it: choices by their names.
+
+    >>> named({"exposure_s": 0.01, "moves": 1.0})
+    {'exposure_s': 0.01, 'moves': 'targets'}
+    """
     return {**row, **{name: CHOICES[name].choice(row[name]) for name in CHOICES if row.get(name) is not None}}
 
 
@@ -396,12 +421,20 @@ def setting_of(row: Mapping[str, Any]) -> tuple[float, ...]:
 
 
 def velocity_of(row: Mapping[str, Any]) -> tuple[float, float]:
-    """(x, y) px/s of a row."""
+    """(x, y) px/s of a row.
+
+    >>> velocity_of({"velocity_x_px_s": 400.0, "velocity_y_px_s": 0.0})
+    (400.0, 0.0)
+    """
     return row["velocity_x_px_s"], row["velocity_y_px_s"]
 
 
 def blur_px(row: Mapping[str, Any]) -> float:
-    """Length of a row's motion blur, px. 0 with ego-motion, where each part of the picture has its own."""
+    """Length of a row's motion blur, px. 0 with ego-motion, where each part of the picture has its own.
+
+    >>> blur_px({"velocity_x_px_s": 300.0, "velocity_y_px_s": 400.0, "exposure_s": 0.01})
+    5.0
+    """
     import numpy as np
 
     return float(np.hypot(row["velocity_x_px_s"], row["velocity_y_px_s"]) * row["exposure_s"])
@@ -414,7 +447,11 @@ SPEED = Coordinate(
 
 
 def velocity_text(velocity_px_s: tuple[float, float]) -> str:
-    """'400 px/s' for motion to the right, '(300, -400) px/s' for any other direction."""
+    """'400 px/s' for motion to the right, '(300, -400) px/s' for any other direction.
+
+    >>> velocity_text((400.0, 0.0)), velocity_text((300.0, -400.0))
+    ('400 px/s', '(300, -400) px/s')
+    """
     x, y = velocity_px_s
     return f"{x:g} px/s" if y == 0 and x >= 0 else f"({x:g}, {y:g}) px/s"
 
