@@ -73,7 +73,7 @@ class ExposureRanges(ExposureSource):
 
     camera: Cameras = usual.COLOUR
     exposure_s: Range = (min(usual.EXPOSURE_S), max(usual.EXPOSURE_S))
-    illuminance_lux: Range = (min(usual.ILLUMINANCE_LUX.values()), max(usual.ILLUMINANCE_LUX.values()))
+    illuminance_lux: Range = (min(usual.ILLUMINANCE_LUX), max(usual.ILLUMINANCE_LUX))
     speed_px_s: Range = (min(usual.SPEED_PX_S.values()), max(usual.SPEED_PX_S.values()))
     direction_deg: Range = (0.0, 360.0)
     temperature_c: Range = usual.TEMPERATURE_C

@@ -49,6 +49,8 @@ class ChartPlan(SweepPlan):
         gain_db=(0,),
     )
 
+    LIGHTS = ()
+
     repeats: int = setting(2, "number of repeats with other noise (default: 1; 2 for charts)")
 
 

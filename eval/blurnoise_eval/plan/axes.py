@@ -289,8 +289,8 @@ AXES: tuple[Axis, ...] = (
     ),
     Axis(
         "illuminance_lux", "illuminance_lux", "--lux", "illuminance of the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
-        "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=(*usual.ILLUMINANCE_LUX.values(),),
-        default_names=(*usual.ILLUMINANCE_LUX,), span=(0.1, 200_000.0),
+        "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=usual.ILLUMINANCE_LUX,
+        span=(0.1, 200_000.0),
     ),
     Axis(
         "illuminant", "illuminant", "--illuminant",

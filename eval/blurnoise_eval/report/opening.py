@@ -131,9 +131,6 @@ class _OfModel:
             word(axis) for axis in self.axes if len({row.conditions[axis.name] for row in self.lights}) > 1
         ]
         self.lights_noun = "settings" if self.varied[1:] or self.varied[:1] != ["light"] else "lights"
-        usual = dict(zip(LIGHT.default, LIGHT.default_names, strict=True))
-        self.named = usual if {row.conditions[LIGHT.name] for row in self.lights} == usual.keys() else {}
-        """The names of the default lights, where the run has these."""
         self.verb = "keep" if data.criterion.kept else "reach"
 
     @property
@@ -156,13 +153,9 @@ class _OfModel:
 
     def _setting_texts(self, row: RecommendationRow) -> list[str]:
         return [
-            self._light_text(row.conditions[LIGHT.name]),
+            self.data.settings.light_text(row.conditions[LIGHT.name]),
             *(axis.text(row.conditions[axis.name]) for axis in self.axes[1:]),
         ]
-
-    def _light_text(self, lux: float) -> str:
-        """'1 lux', or '1 lux (night street)' of the default lights."""
-        return LIGHT.text(lux) + (f" ({self.named[lux]})" if lux in self.named else "")
 
     def _speed_text(self, speed: float) -> str:
         return self.data.speed.text(speed) if speed or self.data.speed is EGO_SPEED else "at rest"
@@ -338,7 +331,7 @@ class _OfModel:
             some = [answer for answer in failing if answer.best_limited_by == limit]
             places = []  # what these answers have in common and others do not
             for of, text in (
-                (lambda at: at[LIGHT.name], self._light_text),
+                (lambda at: at[LIGHT.name], self.data.settings.light_text),
                 (self.data.speed.of, self._speed_text),
             ):
                 own, every = (

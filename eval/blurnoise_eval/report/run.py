@@ -89,7 +89,8 @@ class RunData:
     @cached_property
     def settings(self) -> TestedSettings:
         """The settings that were tested."""
-        return TestedSettings(self.tested)
+        lights = self.manifest.get("plan", {}).get("light", ())
+        return TestedSettings(self.tested, {light["lux"]: light["name"] for light in lights})
 
     @cached_property
     def speed(self) -> Coordinate:

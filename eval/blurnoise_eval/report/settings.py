@@ -6,8 +6,9 @@ Domain: values in the units of the axes' columns. A setting names the light, and
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from blurnoise_eval.plan.axes import (
@@ -15,6 +16,7 @@ from blurnoise_eval.plan.axes import (
     EGO,
     EXPOSURE,
     LIGHT,
+    LIT,
     SETTING_AXES,
     Axis,
     Coordinate,
@@ -62,12 +64,24 @@ class TestedSettings:
     """The settings of conditions, in order.
 
     axes: the light, and every other axis but exposure and velocity that has several values; further: these without
-    the light. held: the text of what does not vary, '25 °C · f/2.8'.
+    the light. held: the text of what does not vary, '25 °C · f/2.8'. lights: names by lux. Spectrum and headlamps of
+    a named light are the light's, as long as each has one.
     """
 
-    def __init__(self, conditions: Iterable[AxisValues]) -> None:
+    def __init__(
+        self, conditions: Iterable[AxisValues], lights: Mapping[float, str] = MappingProxyType({})
+    ) -> None:
         every = list(conditions)
+        self.lights = lights
         values = {axis: {at[axis.name] for at in every} for axis in SETTING_AXES}
+        of_light = {
+            axis
+            for axis in values
+            if axis.name in LIT
+            and values[LIGHT] <= lights.keys()
+            and len({(at[LIGHT.name], at[axis.name]) for at in every}) == len(values[LIGHT])
+        }
+        values = {axis: some for axis, some in values.items() if axis not in of_light}
         self.axes = tuple(axis for axis in values if axis is LIGHT or len(values[axis]) > 1)
         self.further = tuple(axis for axis in self.axes if axis is not LIGHT)
         self.every = tuple(sorted(set(map(self.of, every))))
@@ -79,7 +93,12 @@ class TestedSettings:
 
     def text(self, setting: Setting) -> str:
         """'50 lux · 85 °C · f/2.8'."""
-        return " · ".join(axis.text(value) for axis, value in zip(self.axes, setting, strict=True))
+        light, *further = zip(self.axes, setting, strict=True)
+        return " · ".join([self.light_text(light[1]), *(axis.text(value) for axis, value in further)])
+
+    def light_text(self, lux: float) -> str:
+        """'1 lux', or '1 lux (street)' of a named light."""
+        return LIGHT.text(lux) + (f" ({self.lights[lux]})" if lux in self.lights else "")
 
     def condition_text(self, cell: CellRow) -> str:
         """'5 ms · 100 lux · 400 px/s · blur 2 px', what else varies before the blur; or 'original picture'.
@@ -92,7 +111,7 @@ class TestedSettings:
         further = [axis.text(at[axis.name]) for axis in self.further]
         if not at[EGO.name]:
             further = [velocity_text(at.velocity_px_s), *further, BLUR.text(cell.blur_px or 0.0)]
-        return " · ".join([EXPOSURE.text(at.exposure_s), LIGHT.text(at.illuminance_lux), *further])
+        return " · ".join([EXPOSURE.text(at.exposure_s), self.light_text(at.illuminance_lux), *further])
 
 
 def word(axis: Axis | Coordinate) -> str:
