@@ -172,9 +172,9 @@ class Row:
     def columns(self) -> dict[str, Any]:
         """The values by column as public tables and files have them: choices by their names."""
         values = self.stored()
-        for name, choices in CHOICES.items():
+        for name, axis in CHOICES.items():
             if (number := values.get(name)) is not None:
-                values[name] = choices[int(number)]
+                values[name] = axis.choice(number)
         return values
 
     def stored(self) -> dict[str, Any]:
@@ -276,7 +276,8 @@ def _on(axis: Axis) -> str:
     """None of original pictures, a number on the axis of others."""
     allowed = number(axis.low, axis.high)
     if axis.choices:
-        allowed += " AND {0} = round({0})"
+        numbered = f" OR {{0}} >= {axis.least_number!r}" if axis.prefix else ""
+        allowed += f" AND ({{0}} = round({{0}}) AND {{0}} < {len(axis.choices)}{numbered})"
     if axis.positive:
         allowed += f" AND {{0}} > {axis.low!r}"
     if axis.automatic:
