@@ -40,10 +40,10 @@ def print_opening(data: RunData) -> None:
         say(*(f"  {_in_ascii(line)}" for line in lines))
         more = f". {hidden} more entries: recommendations.csv" if hidden else ""
         say_wrapped(_in_ascii(found.legend + more), 2, 2)
-    for line in found.lights:
-        say_wrapped(_in_ascii(line), 2, 2)
     for title, text in found.notes:
         say_wrapped(_in_ascii(f"{title}: {text}"), hanging=2)
+    for line in found.lights:
+        say_wrapped(_in_ascii(line), hanging=2)
 
 
 def _in_ascii(line: str) -> str:

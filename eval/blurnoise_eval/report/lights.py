@@ -23,8 +23,3 @@ def lights_of_run(manifest: Mapping[str, Any]) -> dict[float, Light]:
         name: axis(name).choice(values[0]) for name, values in stated.items() if len(values) == 1
     }
     return {each["lux"]: replace(Light(**each), **own) for each in plan.get("light", ())}
-
-
-def light_lines(manifest: Mapping[str, Any]) -> list[str]:
-    """A line for each named light: 'street: 1 lux, led-4000, low beam'."""
-    return [str(light) for light in lights_of_run(manifest).values()]

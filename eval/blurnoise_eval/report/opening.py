@@ -17,7 +17,7 @@ from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATU
 from blurnoise_eval.answers.rows import AnswerRow, RecommendationRow
 from blurnoise_eval.plan.axes import AUTOMATIC, EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
 from blurnoise_eval.plots.style import spread
-from blurnoise_eval.report.lights import light_lines, lights_of_run
+from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
 from blurnoise_eval.report.words import counted, joined, keeps, limit_text, reached_text, value_text
@@ -42,7 +42,7 @@ class Opening:
     model: whose table it is, the best of several; None without an answer. sentences: the answer. heads, rows: the
     table of light x speed, of the exposures to use: '3 ms 0.88 works'; caption: what its entries are, legend: what
     the verdicts mean. notes: (title, text) of what limits the model, and of what to do next. lights: a line for each
-    named light.
+    light of a run with headlamps, and what is to be known of it.
     """
 
     model: str | None
@@ -79,7 +79,7 @@ def opening(data: RunData) -> Opening:
     legend = f"works: 95 % interval at or above {level:g}; fails: below; ?: cannot tell"
     notes = ("What limits it", best.limits()), ("What to do next", best.next_steps())
     shown = tuple(each for each in notes if each[1])
-    lights = tuple(light_lines(data.manifest))
+    lights = tuple(data.manifest.get("light", ()))
     return Opening(best.model, tuple(sentences), *best.table(), caption, legend, shown, lights)
 
 
@@ -134,9 +134,8 @@ class _OfModel:
         self.lights_noun = "settings" if self.varied[1:] or self.varied[:1] != ["light"] else "lights"
         usual = dict(zip(LIGHT.default, LIGHT.default_names, strict=True))
         lights = {lux: light.name for lux, light in lights_of_run(data.manifest).items()}
-        self.named = (
-            lights or usual if {row.conditions[LIGHT.name] for row in self.lights} == usual.keys() else {}
-        )
+        is_usual = {row.conditions[LIGHT.name] for row in self.lights} == usual.keys()
+        self.named = lights or (usual if is_usual else {})
         """The names of the lights, if the run names them or has the default ones."""
         self.verb = "keep" if data.criterion.kept else "reach"
 
