@@ -1,8 +1,8 @@
 """Headlamps: the light of low and high beam on a scene, and what retroreflective targets return of it to the camera.
 
 Domain: m right of the vehicle's axis, up from the road and ahead of the lamps; degrees right and up of the direction
-ahead, on a sphere with a vertical polar axis, as UN Regulation 149 measures; cd of one lamp, lux, cd/m2. Light of headlamps is
-known to a factor of 2: what a lamp may stray above its cut-off differs by that much between lamps that are allowed.
+ahead, on a sphere with a vertical polar axis, as UN Regulation 149 measures; cd of one lamp, lux, cd/m2. Light of
+headlamps is known to a factor of 2: lamps that are allowed differ by that much in what they stray above the cut-off.
 """
 
 from __future__ import annotations
