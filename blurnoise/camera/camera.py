@@ -124,7 +124,7 @@ class Camera:
 
         >>> camera, digital_db = Camera.preset("imx250").at_gain(30.0)
         >>> round(camera.sensor.system_gain_dn_per_e, 2), digital_db
-        (6.05, 6.0)
+        (5.7, 6.0)
         """
         in_range("gain_db", gain_db, LIMITS["gain_db"].low, self.sensor.gain_max_db)
         return _at_gain(self, float(gain_db))

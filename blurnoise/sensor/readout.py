@@ -81,7 +81,7 @@ def read_out(
     >>> from blurnoise import Camera
     >>> grey = torch.full((1, 1, 1, 2), 0.5)
     >>> read_out(grey, Camera.preset("imx250"), white_e=1000.0, exposure_s=0.01, noise=False)
-    tensor([[[[197., 197.]]]])
+    tensor([[[[420., 420.]]]])
     """
     batch = len(image_batch("scene", scene))
     at = Resolved(
@@ -144,8 +144,8 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
         every = slice(None)
         in_pieces = plain(scene) and not with_gradients
         dn = (_in_pieces if in_pieces else _through)(active, scene, drawn(every, every))
-        found = dn if options.tones is None else look_up(options.tones, dn)
-        return found if with_gradients or options.out is None else options.out.copy_(found)
+        values = dn if options.tones is None else look_up(options.tones, dn)
+        return values if with_gradients or options.out is None else options.out.copy_(values)
 
     out = options.out
     if out is None:

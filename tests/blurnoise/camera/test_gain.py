@@ -18,6 +18,7 @@ DUAL = IMX250.with_figures(
 )
 MEASURED = IMX250.with_figures(
     system_gain_dn_per_e=0.4,
+    black_level_dn=6.0,
     row_noise_e=0.49,
     gains=(
         MeasuredGain(0.0, 0.4, 2.45, 6.0),

@@ -101,10 +101,10 @@ def test_compiled_code_breaks_its_graph_at_the_simulator(chain):
 
 
 def test_frames_that_were_not_rounded_keep_their_fractions_and_bytes_are_numbers():
-    dn = torch.tensor([[[[52.7, 52.0, 53.0]]]], dtype=torch.float64)
+    dn = torch.tensor([[[[252.7, 252.0, 253.0]]]], dtype=torch.float64)
     span = IMX250.sensor.full_scale_dn - IMX250.sensor.black_level_dn
     told = (develop(dn, IMX250, encoding="linear") * span + IMX250.sensor.black_level_dn).flatten().tolist()
-    assert told == pytest.approx([52.7, 52.0, 53.0], abs=1e-9)
+    assert told == pytest.approx([252.7, 252.0, 253.0], abs=1e-9)
     eight = CAMERA.with_figures(bit_depth=8, black_level_dn=4.0)
     coded = torch.arange(256, dtype=torch.uint8)
     assert torch.equal(develop(coded, eight), develop(coded.float(), eight))

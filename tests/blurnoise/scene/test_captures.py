@@ -29,8 +29,10 @@ from blurnoise.picture import fusion
 from blurnoise.picture.fusion import fuse
 
 IMX250 = Camera.preset("imx250")
-FINE = IMX250.with_figures(bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of
 WELL_E = 10715.0
+FINE = IMX250.with_figures(
+    bit_depth=16, system_gain_dn_per_e=(65535 - IMX250.sensor.black_level_dn) / WELL_E
+)  # no rounding to speak of
 LIT = {"exposure_s": 0.01, "illuminance_lux": 1.0}
 CLEAN: dict[str, Any] = {"noise": False, "quantised": False}
 
