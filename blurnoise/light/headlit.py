@@ -209,14 +209,9 @@ class HeadlitTarget:
     @property
     def observation_deg(self) -> float:
         """Mean angle at the target between the camera and each of the lamps."""
-        at, lamps = self.standing, self.lamps
-        up = float(at.up_m(self._middle)[0])
-        camera = np.array([at.right_m, up - self.camera_height_m, at.ahead_m])
-        angles = []
-        for side in (-1, 1):
-            lamp = np.array([at.right_m - side * lamps.apart_m / 2, up - lamps.height_m, at.ahead_m])
-            angles.append(math.atan2(float(np.linalg.norm(np.cross(lamp, camera))), float(lamp @ camera)))
-        return math.degrees(sum(angles) / 2)
+        at = self.standing
+        place_m = at.right_m, float(at.up_m(self._middle)[0]), at.ahead_m
+        return observation_deg(self.lamps, place_m, self.camera_height_m)
 
     @property
     def _middle(self) -> Floats:
@@ -253,10 +248,12 @@ class HeadlitPicture:
         return torch.from_numpy(found)[None, None]
 
 
-def headlit(light: Tensor, targets: Sequence[Outline], view: RoadView, lamps: Headlamps) -> HeadlitPicture:
+def headlit(
+    light: Tensor, targets: Sequence[Outline | None], view: RoadView, lamps: Headlamps
+) -> HeadlitPicture:
     """The targets of a picture, light (1, C, H, W), in the light of headlamps.
 
-    Targets of unknown classes, and those outside of the picture, receive none, as no distance of them is known.
+    Targets of unknown classes, those outside of the picture, and None receive none, as no distance of them is known.
 
     >>> camera = Camera.preset("imx250").with_figures(width_px=1280, height_px=720, hfov_deg=60.0)
     >>> sign = Outline("stop sign", (698.06, 335.94, 714.96, 352.84))
@@ -265,14 +262,14 @@ def headlit(light: Tensor, targets: Sequence[Outline], view: RoadView, lamps: He
     20.0
     """
     size = (light.shape[-2], light.shape[-1])
-    found = tuple(_headlit(light, each, view, lamps) for each in targets)
+    found = tuple(None if each is None else _headlit(light, each, view, lamps) for each in targets)
     return HeadlitPicture(size, found, _wall(found, view, lamps, size))
 
 
 def _headlit(light: Tensor, outline: Outline, view: RoadView, lamps: Headlamps) -> HeadlitTarget | None:
     of, size = road_object(outline.label, view.own), (light.shape[-2], light.shape[-1])
     standing = None if of is None else view.standing(outline.box_xyxy, of, size)
-    if of is None or standing is None:
+    if of is None or standing is None or (outline.alpha is not None and not outline.alpha.size):
         return None
     outline = outline if outline.alpha is not None else _of_box(outline, size)
     material = view.material(of)
@@ -283,10 +280,25 @@ def _headlit(light: Tensor, outline: Outline, view: RoadView, lamps: Headlamps) 
         lamps,
         material,
         view.vehicle.height_m,
-        1.0 if material is None else _white(light, outline),
+        _white(light, outline),
         nearer=view.distance_m is None and standing.measured_m < NEAREST_M,
         cut_off=x0 <= 1 or y0 <= 1 or x1 >= size[1] - 1 or y1 >= size[0] - 1,
     )
+
+
+def observation_deg(lamps: Headlamps, place_m: tuple[float, float, float], camera_height_m: float) -> float:
+    """Mean angle between the camera and each of the lamps, as a place sees them, m right, up and ahead.
+
+    >>> round(observation_deg(Headlamps("low"), (3.0, 2.2, 50.0), 1.5), 3)
+    1.189
+    """
+    right, up, ahead = place_m
+    camera = np.array([right, up - camera_height_m, ahead])
+    angles = []
+    for side in (-1, 1):
+        lamp = np.array([right - side * lamps.apart_m / 2, up - lamps.height_m, ahead])
+        angles.append(math.atan2(float(np.linalg.norm(np.cross(lamp, camera))), float(lamp @ camera)))
+    return math.degrees(sum(angles) / 2)
 
 
 def _of_box(outline: Outline, size: tuple[int, int]) -> Outline:

@@ -301,6 +301,13 @@ AXES: tuple[Axis, ...] = (
         prefix="planck:", least_number=300.0,
     ),
     Axis(
+        "headlamp", "headlamp", "--headlamp",
+        "headlamps of the camera's vehicle, which light the targets; signs return their light (default: off)",
+        "Headlamp", "", 1.0, 0.0, 2.0, "{}", "{}-headlamp",
+        choices=("off", "low", "high"),  # of blurnoise.scene.exposure; a test compares them
+        captions=("headlamps off", "low beam", "high beam"),
+    ),
+    Axis(
         "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",
         1.0, -1e7, 1e7, "{} px/s", "{}", default=(*usual.SPEED_PX_S.values(),),
         default_names=(*usual.SPEED_PX_S,), span=(-2000.0, 2000.0),
@@ -459,6 +466,7 @@ def velocity_text(velocity_px_s: tuple[float, float]) -> str:
 EXPOSURE, LIGHT, SPECTRUM, GAIN, MOVES, EGO = map(
     axis, ("exposure_s", "illuminance_lux", "illuminant", "gain_db", "moves", "ego_speed_m_s")
 )
+HEADLAMP = axis("headlamp")
 EGO_SPEED = Coordinate(
     EGO.name, "Speed", EGO.unit, lambda row: EGO.shown(row[EGO.name]), lambda value: f"{value:g} km/h"
 )

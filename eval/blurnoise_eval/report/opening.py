@@ -40,7 +40,8 @@ class Opening:
 
     model: whose table it is, the best of several; None without an answer. sentences: the answer. heads, rows: the
     table of light x speed, of the exposures to use: '3 ms 0.88 works'; caption: what its entries are, legend: what
-    the verdicts mean. notes: (title, text) of what limits the model, and of what to do next.
+    the verdicts mean. notes: (title, text) of what limits the model, and of what to do next. lights: a line for each
+    light of a run with headlamps, and what is to be known of it.
     """
 
     model: str | None
@@ -50,6 +51,7 @@ class Opening:
     caption: str = ""
     legend: str = ""
     notes: tuple[tuple[str, str], ...] = ()
+    lights: tuple[str, ...] = ()
 
 
 def opening(data: RunData) -> Opening:
@@ -76,7 +78,8 @@ def opening(data: RunData) -> Opening:
     legend = f"works: 95 % interval at or above {level:g}; fails: below; ?: cannot tell"
     notes = ("What limits it", best.limits()), ("What to do next", best.next_steps())
     shown = tuple(each for each in notes if each[1])
-    return Opening(best.model, tuple(sentences), *best.table(), caption, legend, shown)
+    lights = tuple(data.manifest.get("light", ()))
+    return Opening(best.model, tuple(sentences), *best.table(), caption, legend, shown, lights)
 
 
 def ranked(data: RunData) -> list[str]:

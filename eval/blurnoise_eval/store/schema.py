@@ -47,6 +47,7 @@ COLUMNS: dict[str, tuple[TableColumn, ...]] = {
         TableColumn("width_px", "INTEGER", SIZE),
         TableColumn("height_px", "INTEGER", SIZE),
         TableColumn("look", "TEXT", f"{HASH} AND length({{0}}) <= 16"),
+        TableColumn("headlit", "TEXT", or_none(ANY_TEXT)),
     ),
     "skipped": (TableColumn("image", "TEXT", NAME), TableColumn("reason", "TEXT", ANY_TEXT)),
 }
