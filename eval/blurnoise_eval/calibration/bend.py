@@ -29,6 +29,11 @@ class Bend:
     """shares, factors: of the points; shares are relative to the signal top_dn.
 
     straight_dn: mean of the last level on the line.
+
+    >>> factors = Estimate(1.0, 1.0, 1.0), Estimate(0.5, 0.4, 0.6)
+    >>> before_full = Bend((0.7, 1.0), factors, top_dn=4000.0, straight_dn=2800.0)
+    >>> before_full.factors[-1].value  # at the end half of the variance is left
+    0.5
     """
 
     shares: tuple[float, ...]

@@ -49,6 +49,9 @@ class FittedLine:
     """offset + slope x, with standard deviations; the slope is NaN if all x are equal.
 
     change: of the slope from the first to the last level, where that was fitted.
+
+    >>> FittedLine(offset=10.0, slope=2.0, offset_error=0.1, slope_error=0.1).at(3.0)
+    16.0
     """
 
     offset: float
@@ -68,6 +71,11 @@ class Transfer:
 
     dark: the dark mean over the exposure. widened: the variances scatter beyond chance, and the covariance is widened
     to that. hidden_dn2_s: dark charge that variances show and means do not.
+
+    >>> line = FittedLine(10.0, 0.0, 0.1, 0.1)
+    >>> transfer = Transfer(0.5, 4.0, 0.0, np.zeros((3, 3)), line, widened=False, rounding=False)
+    >>> transfer.noise_dn, round(transfer.at(110.0), 3)  # 4 + 1/12 + 0.5 x 100
+    (2.0, 54.083)
     """
 
     gain: float

@@ -78,7 +78,11 @@ def _inside(corners: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.u
 
 
 def of_rle(counts: str | bytes | Sequence[int], size: tuple[int, int]) -> Matte:
-    """Of COCO's run lengths, column by column, compressed or not, in a picture (H, W)."""
+    """Of COCO's run lengths, column by column, compressed or not, in a picture (H, W).
+
+    >>> of_rle([1, 2, 1], (2, 2)).tolist()  # down the columns: one outside, two inside, one outside
+    [[0.0, 1.0], [1.0, 0.0]]
+    """
     from faster_coco_eval.core import mask
 
     runs: Any = {"size": [*size], "counts": counts}

@@ -104,6 +104,9 @@ def compared(
     """Compare two values. error: standard error of the difference, for a relative one of the logarithm of the ratio.
 
     freedom: degrees of freedom of ``error`` (Student's t). about: other fields of the comparison.
+
+    >>> compared(Measure("mean", "mean, DN"), real=100.0, simulated=100.0, error=0.01).verdict
+    'agrees'
     """
     relative = measure.scale == "relative"
     if math.isnan(error) or (relative and not min(real, simulated) > 0):
@@ -134,7 +137,12 @@ def corrected(comparisons: Sequence[MeasureComparison]) -> list[MeasureCompariso
 
 
 def summary(comparisons: Sequence[MeasureComparison]) -> list[tuple[tuple[str, ...], str]]:
-    """A row per measure, as ``HEADS``, of the level that differs most; and the verdict about all of its levels."""
+    """A row per measure, as ``HEADS``, of the level that differs most; and the verdict about all of its levels.
+
+    >>> agrees = compared(Measure("mean", "mean, DN"), real=100.0, simulated=100.0, error=0.01)
+    >>> summary([agrees])[0][0][:2]
+    ('mean, DN', 'agrees')
+    """
     rows: list[tuple[tuple[str, ...], str]] = []
     for measure in dict.fromkeys(comparison.measure for comparison in comparisons):
         levels = [comparison for comparison in comparisons if comparison.measure == measure]

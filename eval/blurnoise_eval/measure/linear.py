@@ -36,6 +36,10 @@ class LinearPicture:
     """A linear picture (C, H, W) float64, with full scale and black level (the value without light) in ``unit``.
 
     notes: assumptions, a sentence each.
+
+    >>> picture = LinearPicture(torch.full((3, 8, 8), 0.5), full_scale=1.0, black_level=0.1)
+    >>> round(float(picture.grey[0, 0]), 3)
+    0.4
     """
 
     picture: Tensor

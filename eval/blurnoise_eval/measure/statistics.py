@@ -31,6 +31,11 @@ class FrameStack:
     """The frames (N, H, W) of a level: temporal noise (N // 2, H, W) and fixed pattern (H, W), both of mean 0.
 
     surface: smooth light over the picture, the mean of which is ``mean_dn``.
+
+    >>> frames = np.random.default_rng(0).normal(100.0, 2.0, (4, 32, 32))
+    >>> stack = FrameStack(frames)
+    >>> round(stack.mean_dn), round(float(stack.noise.std()))
+    (100, 2)
     """
 
     def __init__(self, frames: Floats) -> None:
@@ -176,7 +181,13 @@ def compare_levels(
     level: str = "",
 ) -> list[MeasureComparison]:
     """Every statistic of a level. errors: further standard errors of differences, by the statistic's name, that the
-    parts of one picture do not show."""
+    parts of one picture do not show.
+
+    >>> drawn = np.random.default_rng(0)
+    >>> real, brighter = (FrameStack(drawn.normal(mean, 2.0, (4, 128, 128))) for mean in (100.0, 103.0))
+    >>> compare_levels(real, brighter)[0].verdict  # of the mean
+    'differs'
+    """
     comparisons = []
     for statistic in STATISTICS:
         sums = [statistic.sums(stack) for stack in (real, simulated)]
@@ -196,7 +207,13 @@ def compare_levels(
 def compare_scatter(
     real: Sequence[FrameStack], simulated: Sequence[FrameStack], kind: str
 ) -> MeasureComparison:
-    """Compare the standard deviation of frame means about the mean of their level, over all levels (F test)."""
+    """Compare the standard deviation of frame means about the mean of their level, over all levels (F test).
+
+    >>> drawn = np.random.default_rng(0)
+    >>> stacks = [[FrameStack(drawn.normal(100.0, 2.0, (4, 32, 32)))] for _ in range(2)]
+    >>> compare_scatter(*stacks, "dark").level
+    'all dark'
+    """
     freedom = sum(len(stack.frame_means) - 1 for stack in real)
     squares = [
         sum(float(((stack.frame_means - stack.mean_dn) ** 2).sum()) for stack in stacks) / freedom
