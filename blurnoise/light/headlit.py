@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -46,6 +46,7 @@ _WHITE = 0.95
 _MOST_PX = 4096  # that a percentile is taken of
 _FLATTEST = 4.0  # ratio of the sides of a box, where one of them alone has a known size
 _LEAST_PX = 1.0
+_EVERY_PX = 4  # columns of a wall that are reckoned, between which light is straight: the beam is wide
 
 Alpha = NDArray[np.float32]
 
@@ -344,12 +345,17 @@ def _wall(
     if view.background == "dark" or not known:
         return None
     at = known[(len(known) - 1) // 2].standing
-    columns = np.stack([np.arange(size[1]) + 0.5, np.full(size[1], size[0] / 2)])
-    across = view.directions(columns, size)[0]
+    some = np.unique(np.append(np.arange(0, size[1], _EVERY_PX), size[1] - 1))
+    across = view.directions(np.stack([some + 0.5, np.full(len(some), size[0] / 2)]), size)[0]
     right = np.clip(np.nan_to_num(across * at.ahead_m), -FARTHEST_M, FARTHEST_M)
     scaled = (
         at.row_m * at.ahead_m / max(at.measured_m, 1e-9)
     )  # rows of the wall, not of what is limited to 8 m
     up = at._replace(row_m=scaled).up_m(np.arange(size[0], dtype=np.float64) + 0.5)
-    lit: Any = lamps.onto(right[None], up[:, None], at.ahead_m, None, view.vehicle.height_m)
-    return np.asarray(lit[0])
+    lit = lamps.onto(right[None], up[:, None], at.ahead_m, None, view.vehicle.height_m).illuminance_lux
+    columns = np.arange(size[1])
+    after = np.searchsorted(some, columns).clip(1, max(1, len(some) - 1))
+    if len(some) == 1:
+        return lit
+    share = (columns - some[after - 1]) / (some[after] - some[after - 1])
+    return np.asarray(lit[:, after - 1] * (1 - share) + lit[:, after] * share)
