@@ -79,7 +79,8 @@ def light_lines(
     if not plan.beams:
         signs = [label for label in labels if _shines(label, plan)]
         night = any(0 < light.lux <= _NIGHT_LUX for light in lights)
-        return [MATT] * bool(signs and night)
+        named = [light.text(plan) for light in lights] if plan.light else []
+        return [*named, *[MATT] * bool(signs and night)]
     every = [HeadlitFacts.read(each.headlit) for each in pictures.values() if each.headlit is not None]
     view = plan.lit.view(setup.camera, plan.vehicle)
     lines = [_line(light, plan, view, every) for light in lights]
