@@ -17,6 +17,7 @@ from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATU
 from blurnoise_eval.answers.rows import AnswerRow, RecommendationRow
 from blurnoise_eval.plan.axes import AUTOMATIC, EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
 from blurnoise_eval.plots.style import spread
+from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
 from blurnoise_eval.report.words import counted, joined, keeps, limit_text, reached_text, value_text
@@ -132,8 +133,10 @@ class _OfModel:
         ]
         self.lights_noun = "settings" if self.varied[1:] or self.varied[:1] != ["light"] else "lights"
         usual = dict(zip(LIGHT.default, LIGHT.default_names, strict=True))
-        self.named = usual if {row.conditions[LIGHT.name] for row in self.lights} == usual.keys() else {}
-        """The names of the default lights, where the run has these."""
+        lights = {lux: light.name for lux, light in lights_of_run(data.manifest).items()}
+        is_usual = {row.conditions[LIGHT.name] for row in self.lights} == usual.keys()
+        self.named = lights or (usual if is_usual else {})
+        """The names of the lights, if the run names them or has the default ones."""
         self.verb = "keep" if data.criterion.kept else "reach"
 
     @property
@@ -161,7 +164,7 @@ class _OfModel:
         ]
 
     def _light_text(self, lux: float) -> str:
-        """'1 lux', or '1 lux (night street)' of the default lights."""
+        """'1 lux', or '1 lux (street)' of named lights."""
         return LIGHT.text(lux) + (f" ({self.named[lux]})" if lux in self.named else "")
 
     def _speed_text(self, speed: float) -> str:
@@ -371,6 +374,7 @@ class _OfModel:
         one_direction = "direction" not in self.combinations and self.data.manifest.get("trajectory") is None
         automatic = all(row.conditions[GAIN.name] == AUTOMATIC for row in self.lights)
         plain = one_direction and automatic and self.data.speed is not EGO_SPEED
+        plain = plain and not self.data.settings.of_light  # lights of one spectrum
         return self.by_light and self.whole is not None and self.varied == ["light"] and plain
 
     def next_steps(self) -> str:
