@@ -178,7 +178,14 @@ def illuminant(name: str | Curve) -> Curve:
 
 
 def check_illuminant(illuminant: object) -> str | Curve:
-    """The name as ``ILLUMINANTS`` has it, "planck:KELVIN", or the curve. Raises ``TypeError`` or ``ValueError``."""
+    """The name as ``ILLUMINANTS`` has it, "planck:KELVIN", or the curve. Raises ``TypeError`` or ``ValueError``.
+
+    >>> check_illuminant("d65")
+    'D65'
+    >>> check_illuminant("moon")
+    Traceback (most recent call last):
+    ValueError: illuminant = 'moon': must be D50, D55, D65, ...
+    """
     if isinstance(illuminant, Curve):
         return illuminant
     if not isinstance(illuminant, str):

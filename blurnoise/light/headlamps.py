@@ -143,9 +143,9 @@ class _Away(NamedTuple):
 
     def angle_deg(self, other: _Away) -> Floats:
         """Angle between the vectors, exact where it is small, as an arc cosine is not."""
-        ours, theirs = np.stack(self, -1), np.stack(other, -1)
-        across = np.linalg.norm(np.cross(ours, theirs), axis=-1)
-        return np.asarray(np.degrees(np.arctan2(across, (ours * theirs).sum(-1))))
+        (x, y, z), (u, v, w) = self, other  # by hand, as np.cross takes ten times as long
+        across = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
+        return np.asarray(np.degrees(np.arctan2(across, x * u + y * v + z * w)))
 
 
 class HeadlampLight(LightEffect):

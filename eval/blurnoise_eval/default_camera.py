@@ -17,6 +17,7 @@ THREE_SENSORS = "imx250"
 """The preset with a sensor for each colour."""
 _DEFAULT = "chosen: default, "
 _SAMPLED = 8  # pictures that are read
+# JPEG moves the colours of a grey picture by a step or two.
 _GREY_DN, _COLOURED_SHARE = 2, 0.01  # an overlay or a few damaged pixels do not make a colour camera
 _MOST_PX = 256  # of a side: larger pictures are subsampled
 

@@ -48,6 +48,7 @@ class _Gains:
     def __init__(self, flat: Sequence[Level], fit: Transfer, top_dn: float) -> None:
         mean, variance, error = columns(flat, "mean_dn", "variance_dn2", "variance_error_dn2")
         order = np.argsort(mean)
+        # K is variance over signal: read noise and rounding are taken off, and black level, too.
         signal = mean[order] - fit.dark.offset
         self.mean_dn, self.shares = mean[order], signal / top_dn
         self.gain = (variance[order] - fit.read_dn2 - 1 / 12) / signal
@@ -87,6 +88,7 @@ def bend_of(flat: Sequence[Level], fit: Transfer, top_dn: float, *, tone: bool) 
             freedom = count - beyond - 2  # K, the share of the first point, and the value of each other one
             if freedom > 0:
                 left = gains.fit(gains.bent(straight, beyond)[1])[0]
+                # F test: what the further points explain, over what is left; never over less than chance leaves.
                 gained = (min(plain) - left) / (beyond + 1) / max(1.0, left / freedom)
                 tried.append((float(fisher.sf(gained, beyond + 1, freedom)), straight, beyond))
     chance, straight, beyond = min(tried, default=(1.0, 0, 0))
@@ -94,6 +96,7 @@ def bend_of(flat: Sequence[Level], fit: Transfer, top_dn: float, *, tone: bool) 
         return None
     nodes, design = gains.bent(straight, beyond)
     chi_square, values, covariance = gains.fit(design)
+    # Where points scatter more than their errors say, the errors are too small.
     widened = max(1.0, chi_square / (count - len(nodes)))
     factors = values[1:] / values[0]
     along = np.hstack([-factors[:, None], np.eye(beyond)]) / values[0]

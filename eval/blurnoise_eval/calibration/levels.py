@@ -109,6 +109,7 @@ def level_of(planes: Iterable[Plane], taken: FrameFile, dark_dn: float = 0.0) ->
             values = dark_dn + (values - dark_dn) * (reference / light)
         else:
             values += means[0] - means[-1]
+        # The fixed pattern cancels with it, too, which leaves temporal noise alone.
         values -= first  # differences keep the precision of the sums
         total += values
         squares += values * values

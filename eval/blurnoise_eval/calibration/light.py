@@ -54,6 +54,7 @@ def tied(camera: Camera, measured: float, source: str, illuminant: str | Curve =
     lens_source = camera.sources.get("transmission", "assumed")
     lens_known = "assum" not in lens_source and _TIED not in lens_source
     whole = camera if lens_known else camera.with_figures(transmission=1.0)
+    # Electrons are proportional to transmission and to quantum efficiency alike: frames cannot tell them apart.
     share = measured / electrons_per_lux_s(whole, illuminant)
     by = f"{source}: {measured:.4g} {_TIED}, mean over the field"
     known: Known = {}

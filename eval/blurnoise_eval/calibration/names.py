@@ -120,6 +120,7 @@ def fitting_reading(exposures: Sequence[NamedExposure], signals: Sequence[float]
     >>> fitting_reading(exposures, [100.0, 200.0, 300.0])  # the numbers count: 10, 20 and 30 ms
     0
     """
+    # A counter differs from frame to frame; a decimal's whole part may be the same in all.
     constant = len({exposure.before for exposure in exposures}) == 1
     light = np.asarray(signals)
     known = light > 0  # nor where it is NaN

@@ -83,6 +83,7 @@ def dark_pattern(halves: Halves) -> DarkPattern:
         used = ~hot[site]
         one, other = (half[site][used] - half[site][used].mean() for half in halves)
         every.append((mean[site] - np.median(mean[site])).ravel())
+        # Temporal noise is independent in both halves, so that it is 0 in the mean of their product.
         fixed.append(one * other)
         squares.append(((one + other) / 2) ** 2)
     products, freedom = np.concatenate(fixed), hot.size - int(hot.sum()) - len(_SITES)
@@ -185,6 +186,7 @@ def outlying(values: Floats, least: float = 0.0) -> Mask:
     >>> outlying(np.array([-1.0, 1.0, -1.0, 1.0, 20.0])).tolist()
     [False, False, False, False, True]
     """
+    # 1 / Phi^-1(3/4): of a normal distribution the median of magnitudes times this is the deviation.
     deviation = 1.4826 * float(np.median(np.abs(values)))
     return np.asarray(np.abs(values) > max(_OUTLYING * deviation, least))
 

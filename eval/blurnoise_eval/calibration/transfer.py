@@ -220,6 +220,7 @@ class _Data:
         names = ("exposure_s", "mean_dn", "variance_dn2", "mean_error_dn", "variance_error_dn2", "pixels")
         self.exposure_s, self.mean, self.variance, mean_error, noise, pixels = columns([*dark, *flat], *names)
         self.dark, self.pattern, self.line = len(dark), pattern, dark_line(dark)
+        # Only there does rounding depend on where between two numbers the mean lies.
         self.rounding = float(self.variance[: self.dark].min()) - 1 / 12 < PLAIN_DN2
         self._counted = 1.5 / pixels  # variance of one pixel that is off by one
         self._relative = np.maximum(noise / np.maximum(self.variance, 1e-9), 1e-6)
@@ -261,6 +262,7 @@ class _Data:
         """The best of several starts for read noise and the phase of the black level: there are several minima."""
         gain, _, spread, offset, slope = start
         starts = [start]
+        # Read noise from .04 DN on, in steps of half as much again; a black level anywhere between two numbers.
         for step, phase in product(range(8), (-0.4, -0.2, 0.0, 0.2, 0.4)):
             starts.append(np.array([gain, (0.04 * 1.5**step) ** 2, spread, offset + phase, slope]))
         return min(starts, key=lambda values: float((self.residuals(values) ** 2).sum()))

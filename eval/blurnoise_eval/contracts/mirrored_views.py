@@ -16,6 +16,7 @@ from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
 from blurnoise_eval.scoring.on_picture import NOTHING
 
 Image = NDArray[np.uint8]
+# Different on opposite sides, so that a wrong offset cannot cancel by the mirroring.
 _CUT = (0.04, 0.08, 0.08, 0.04)  # shares of a picture that its mirrored view lacks: left, top, right, bottom
 _FEWEST_SHIFTED = 8  # labelled objects, found by their boxes, from which their classes say something
 

@@ -121,12 +121,14 @@ def _score(patches: Patches, label: NDArray[np.bool_], parity: NDArray[np.int64]
     for level in np.unique(patches.level):
         of_level = patches.level == level
         spread = features[of_level].std(0)
+        # Levels differ in noise by far more than real and simulated frames do: each has its own scale.
         features[of_level] -= features[of_level].mean(0)
         features[of_level] /= np.where(spread > 0, spread, 1.0)
     folds = []
     single = len(np.unique(parity)) < 2  # one frame of each kind: split by position only
     for half in (0, 1):
         for odd in (0,) if single else (0, 1):
+            # Tested elsewhere in the picture and on other frames: else the fixed pattern would give the answer.
             trained = (patches.half == half) & (single | (parity == odd))
             tested = (patches.half != half) & (single | (parity != odd))
             folds.append((features[tested] @ _direction(features[trained], label[trained]), tested))
@@ -134,6 +136,7 @@ def _score(patches: Patches, label: NDArray[np.bool_], parity: NDArray[np.int64]
     count = int(patches.position.max()) + 1
     resampled = []
     for draw in range(RESAMPLES + 1):
+        # By position: patches of one place in several frames share its fixed pattern, and are not independent.
         drawn = (
             np.bincount(random.integers(count, size=count), minlength=count) if draw else np.ones(count, int)
         )

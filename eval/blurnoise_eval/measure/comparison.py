@@ -131,6 +131,7 @@ def corrected(comparisons: Sequence[MeasureComparison]) -> list[MeasureCompariso
     known = sorted(pair for pair in p_values if math.isfinite(pair[0]))
     adjusted, highest = list(comparisons), 0.0
     for passed, (p_value, index) in enumerate(known):
+        # Holm: the smallest times the number of comparisons, the next times one less, and never falling.
         highest = max(highest, min(1.0, p_value * (len(known) - passed)))
         adjusted[index] = replace(comparisons[index], p_value=highest)
     return adjusted

@@ -41,6 +41,7 @@ class FrameStack:
     def __init__(self, frames: Floats) -> None:
         self.frames = frames
         pairs = frames[: len(frames) // 2 * 2]
+        # A difference of two frames has no fixed pattern and twice the variance.
         noise = (pairs[0::2] - pairs[1::2]) / math.sqrt(2)
         self.noise = noise - noise.mean((1, 2), keepdims=True)
         self.mean, self.frame_means = frames.mean(0), frames.mean((1, 2))
@@ -114,6 +115,7 @@ def _octaves(planes: Floats) -> Floats:
     planes = planes - planes.mean(1, keepdims=True) - planes.mean(2, keepdims=True)
     blocks = _blocks(planes)
     side = blocks.shape[-1]
+    # A block is no period of its noise: without a window, power of low frequencies leaks into high ones.
     window = np.hanning(side + 1)[:-1]
     window = np.outer(window, window)
     blocks = blocks - (blocks * window).sum((2, 3), keepdims=True) / window.sum()
@@ -196,6 +198,7 @@ def compare_levels(
         # of powers the logarithm, NaN where a part holds nearly all of the power
         relative = statistic.scale == "relative"
         apart = np.log(without[0] / without[1]) if relative else without[0] - without[1]
+        # The jackknife's: values with one part left out differ by 1 / (count - 1) of what the parts do.
         error = math.sqrt((count - 1) / count * float(((apart - apart.mean()) ** 2).sum()))
         error = math.hypot(error, (errors or {}).get(statistic.name, 0.0))
         one, other = (float(statistic.of(parts.mean(0))) for parts in sums)

@@ -90,6 +90,7 @@ class Scenario:
         share of the cases is used up.
         """
         counted = {"expected": 1.0, "worst": float(self.shares.min()), "tail": self.tail}[self.objective]
+        # The worst cases first: they fill the share that counts.
         order = np.argsort(values, axis=0, kind="stable")
         sorted_shares = self.shares[order]
         before = np.cumsum(sorted_shares, axis=0) - sorted_shares

@@ -83,6 +83,7 @@ def value_text(score: WithInterval) -> str:
 
 def _outward(value: float, side: int, step: float) -> float:
     """The multiple of a step at the value, or next to it: above for side 1, below for -1."""
+    # The slack keeps 0.74 from becoming 0.75 by its last binary digit.
     return side * math.ceil(side * value / step - 1e-6) * step
 
 

@@ -50,7 +50,12 @@ class RunLight(NamedTuple):
 
 
 def lights_of(conditions: Iterable[Mapping[str, float | None]]) -> list[RunLight]:
-    """The lights of conditions, each once, the darkest first."""
+    """The lights of conditions, each once, the darkest first.
+
+    >>> from blurnoise_eval.plan.conditions import Conditions
+    >>> lights_of([Conditions(exposure_s=0.01, illuminance_lux=1.0, headlamp=1.0)])
+    [RunLight(lux=1.0, illuminant='D55', beam='low')]
+    """
     found = set()
     for at in conditions:
         lux, beam = at[LIGHT.name], HEADLAMP.choice(at[HEADLAMP.name] or 0.0)

@@ -189,6 +189,7 @@ def lattice(lines: Sequence[SearchLine], exposures: Range, step: float = STEP) -
     """
     times = exposures_on(exposures, 16 / step)
     index = (np.concatenate([line.places(times) for line in lines]) - (0.0, FLOOR)) / step
+    # Both neighbours where a line passes half-way between two nodes, so that rounding decides nothing.
     low, high = np.ceil(index - 0.5 - 1e-9), np.floor(index + 0.5 + 1e-9)
     corners = [np.stack([u, w], axis=1) for u in (low[:, 0], high[:, 0]) for w in (low[:, 1], high[:, 1])]
     near = np.unique(np.concatenate(corners), axis=0)

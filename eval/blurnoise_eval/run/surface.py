@@ -134,6 +134,7 @@ class Kriging:
         at, known = np.asarray(places, float), np.asarray(values, float)
         guide = trend or USUAL
         coefficients = None if trend is None else _trend_of(at, known, trend)
+        # Each try inverts a matrix of the nodes: time by the cube of their number.
         some = np.sort(spread(at, _MOST_FITTED)) if len(at) > _MOST_FITTED else np.arange(len(at))
 
         def improbability(logarithms: Array) -> float:
@@ -142,6 +143,7 @@ class Kriging:
             return tried._improbability
 
         step = (_MOST - _LEAST) / (_GRID - 1)
+        # A grid and halvings of its step: the likelihood may have several maxima, and a descent ends in one.
         corners: Iterable[tuple[int, ...]] = product(*map(range, _GRID.tolist()))
         best = min((_LEAST + step * each for each in corners), key=improbability)
         for _ in range(_HALVINGS):
@@ -169,6 +171,7 @@ class Kriging:
         """Covariance (M, M) of the surface itself at places (M, 2), without their own departures."""
         toward = self._toward(places)
         known = toward @ self._inverse @ toward.T
+        # Without the nugget: it is a node's own departure, not an error of the surface.
         return np.asarray(self.scale**2 * (correlation(places, places, self.lengths) - known))
 
     def basis(self, places: Array) -> Array:
@@ -219,6 +222,7 @@ class Kriging:
 
 def _trend_of(places: Array, values: Array, trend: Trend) -> Array | None:
     """Coefficients (7,) of the trend of values (N,), not below 0, at places (N, 2); None where it is flat."""
+    # A little above the highest value, where a logistic curve is reached only in the infinite.
     top = max(float(values.max(initial=0.0)), 1e-9) * 1.02
     features = trend.features(places)
     found = fractional_logistic(features, np.clip(values / top, 0.0, 1.0), _PENALTY)
@@ -233,6 +237,7 @@ def correlation(places: Array, others: Array, lengths: ArrayLike) -> Array:
     [[1.0, 0.52]]
     """
     one, other = places / np.asarray(lengths), others / np.asarray(lengths)
+    # Twice differentiable, unlike an exponential: scores change smoothly with light and motion.
     far = np.sqrt(5.0 * sum(np.subtract.outer(one[:, k], other[:, k]) ** 2 for k in (0, 1)))
     return np.asarray((1 + far + far**2 / 3) * np.exp(-far))
 

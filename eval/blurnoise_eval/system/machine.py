@@ -56,6 +56,7 @@ def sources() -> str:
     for package in ("blurnoise", "blurnoise_eval"):
         folder = Path(str(files(package)))
         for file in sorted(folder.rglob("*.py")):
+            # A checkout on Windows is the same software.
             text = file.read_bytes().replace(b"\r\n", b"\n")
             digest.update(f"{package} {file.relative_to(folder).as_posix()} {len(text)}\n".encode() + text)
     return digest.hexdigest()

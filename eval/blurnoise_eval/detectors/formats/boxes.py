@@ -86,6 +86,7 @@ def sigmoid(logits: FloatArray) -> FloatArray:
     >>> sigmoid(np.array([-1000.0, 0.0], np.float32))
     array([0. , 0.5], dtype=float32)
     """
+    # The same function: tanh stays finite where exp(-x) overflows.
     return np.asarray(0.5 * (1 + np.tanh(logits / 2)), np.float32)
 
 
@@ -253,6 +254,7 @@ def lay_in(
     height, width = picture_size(image)
     size_px = (height, width) if contract.resize == "none" else size_px
     if contract.resize.startswith("letterbox"):
+        # One scale for both sides keeps the picture's shape; what is left over is padded.
         scale = min(size_px[0] / height, size_px[1] / width)
         new_height, new_width = max(1, round(height * scale)), max(1, round(width * scale))
     else:
@@ -276,6 +278,7 @@ def lay_in(
         gain = np.float32(1 / (full_scale * std))
         window = channel[top : top + new_height, left : left + new_width]
         if window.size < channel.size:
+            # Padding goes through the same normalisation as the picture.
             channel[...] = (contract.pad_value / full_scale - mean) / std
         np.copyto(window, plane)  # converts faster than a multiplication that has to
         if gain != 1:
