@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -46,6 +46,7 @@ _WHITE = 0.95
 _MOST_PX = 4096  # that a percentile is taken of
 _FLATTEST = 4.0  # ratio of the sides of a box, where one of them alone has a known size
 _LEAST_PX = 1.0
+_EVERY_PX = 4  # columns of a wall that are reckoned, between which light is straight: the beam is wide
 
 Alpha = NDArray[np.float32]
 
@@ -55,6 +56,9 @@ class Outline(NamedTuple):
 
     alpha: (h, w), the share of each pixel that it covers, from the pixel place_px = (left, top) on; None: all of the
     box. A matte may be that of the box where ``outlined`` is false.
+
+    >>> Outline("person", (10.0, 20.0, 30.0, 80.0)).outlined
+    False
     """
 
     label: str
@@ -68,6 +72,10 @@ class Standing(NamedTuple):
     """Where a target stands: m right of the vehicle's axis, ahead, and up in a row y: base_m + (foot_px - y) row_m.
 
     measured_m: its distance by its size, before it is limited.
+
+    >>> at = Standing(3.0, 50.0, base_m=1.8, foot_px=360.0, row_m=0.05, measured_m=50.0)
+    >>> at.up_m(np.array([360.0, 350.0, 500.0])).tolist()
+    [1.8, 2.3, 0.0]
     """
 
     right_m: float
@@ -90,6 +98,10 @@ class RoadView:
     have one, in place of theirs, as of :class:`RoadObject`; "none": all are matt. distance_m: of all targets, in
     place of that by their size. background: "dark" receives no light of the lamps; "lit": it is a wall at the
     distance of the median target, matt. Raises ``TypeError`` or ``ValueError`` naming the field.
+
+    >>> view = RoadView(Camera.preset("imx250"), sheeting="XI")
+    >>> view.material(RoadObject(width_m=0.6, sheeting="III")).name, view.material(RoadObject(height_m=1.7))
+    ('XI', None)
     """
 
     camera: Camera
@@ -175,6 +187,12 @@ class HeadlitTarget:
     illuminance_lux: E_h, luminance_cd_m2: L_r of its white, observation_deg: the angle between lamps and camera, at
     the middle of the target. nearer: it is lit as at 8 m. cut_off: its box reaches a side of the picture, so that it
     may be nearer than its size says.
+
+    >>> outline = Outline("stop sign", (600.0, 352.0, 617.0, 369.0))
+    >>> at = Standing(3.0, 50.0, base_m=1.819, foot_px=369.0, row_m=0.762 / 17, measured_m=50.0)
+    >>> sign = HeadlitTarget(outline, at, Headlamps("low"), sheeting_of("III"), 1.5, 0.341, False, False)
+    >>> round(sign.illuminance_lux, 4), round(sign.luminance_cd_m2, 3), round(sign.observation_deg, 2)
+    (0.1443, 2.178, 1.19)
     """
 
     outline: Outline
@@ -227,6 +245,9 @@ class HeadlitPicture:
     """A picture's targets in the light of headlamps, in the order of their labels; None: no light is known of it.
 
     wall: X (H, W) of the background; None: it receives no light of the lamps.
+
+    >>> HeadlitPicture((2, 3), targets=(None,)).plane().shape
+    torch.Size([1, 1, 2, 3])
     """
 
     size: tuple[int, int]
@@ -344,12 +365,17 @@ def _wall(
     if view.background == "dark" or not known:
         return None
     at = known[(len(known) - 1) // 2].standing
-    columns = np.stack([np.arange(size[1]) + 0.5, np.full(size[1], size[0] / 2)])
-    across = view.directions(columns, size)[0]
+    some = np.unique(np.append(np.arange(0, size[1], _EVERY_PX), size[1] - 1))
+    across = view.directions(np.stack([some + 0.5, np.full(len(some), size[0] / 2)]), size)[0]
     right = np.clip(np.nan_to_num(across * at.ahead_m), -FARTHEST_M, FARTHEST_M)
     scaled = (
         at.row_m * at.ahead_m / max(at.measured_m, 1e-9)
     )  # rows of the wall, not of what is limited to 8 m
     up = at._replace(row_m=scaled).up_m(np.arange(size[0], dtype=np.float64) + 0.5)
-    lit: Any = lamps.onto(right[None], up[:, None], at.ahead_m, None, view.vehicle.height_m)
-    return np.asarray(lit[0])
+    lit = lamps.onto(right[None], up[:, None], at.ahead_m, None, view.vehicle.height_m).illuminance_lux
+    columns = np.arange(size[1])
+    after = np.searchsorted(some, columns).clip(1, max(1, len(some) - 1))
+    if len(some) == 1:
+        return lit
+    share = (columns - some[after - 1]) / (some[after] - some[after - 1])
+    return np.asarray(lit[:, after - 1] * (1 - share) + lit[:, after] * share)

@@ -79,6 +79,7 @@ def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
             "must be numbers such as 1,5,10, or start:stop:step, or low:high (with 1, 3, 10, 30 ... between)"
         )
         raise ValueError(f"{must}{', or auto' if automatic else ''}") from None
+    # Two decades below the high end, since 0 has no logarithm.
     least = low or high / 100
     powers = range(math.floor(math.log10(least)), math.ceil(math.log10(high)) + 1)
     between = (float(f"{digit}e{power}") for power in powers for digit in (1, 3))

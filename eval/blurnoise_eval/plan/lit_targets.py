@@ -22,7 +22,11 @@ if TYPE_CHECKING:
 
 
 def road_objects_of(given: Any) -> Any:
-    """Classes of a file, each a mapping of fields, as :class:`RoadObject` by plain name. Raises ``ValueError``."""
+    """Classes of a file, each a mapping of fields, as :class:`RoadObject` by plain name. Raises ``ValueError``.
+
+    >>> road_objects_of({"Speed_Limit": {"width_m": 0.6, "sheeting": "III"}})["speed limit"].width_m
+    0.6
+    """
     from blurnoise._core.checks import known
     from blurnoise.light.road_objects import RoadObject, plain_name
 

@@ -17,6 +17,7 @@ from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATU
 from blurnoise_eval.answers.rows import AnswerRow, RecommendationRow
 from blurnoise_eval.plan.axes import AUTOMATIC, EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
 from blurnoise_eval.plots.style import spread
+from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
 from blurnoise_eval.report.words import counted, joined, keeps, limit_text, reached_text, value_text
@@ -131,6 +132,8 @@ class _OfModel:
             word(axis) for axis in self.axes if len({row.conditions[axis.name] for row in self.lights}) > 1
         ]
         self.lights_noun = "settings" if self.varied[1:] or self.varied[:1] != ["light"] else "lights"
+        self.named = {lux: light.name for lux, light in lights_of_run(data.manifest).items()}
+        """The names of the lights, if the run names them."""
         self.verb = "keep" if data.criterion.kept else "reach"
 
     @property
@@ -153,9 +156,13 @@ class _OfModel:
 
     def _setting_texts(self, row: RecommendationRow) -> list[str]:
         return [
-            self.data.settings.light_text(row.conditions[LIGHT.name]),
+            self._light_text(row.conditions[LIGHT.name]),
             *(axis.text(row.conditions[axis.name]) for axis in self.axes[1:]),
         ]
+
+    def _light_text(self, lux: float) -> str:
+        """'1 lux', or '1 lux (street)' of named lights."""
+        return LIGHT.text(lux) + (f" ({self.named[lux]})" if lux in self.named else "")
 
     def _speed_text(self, speed: float) -> str:
         return self.data.speed.text(speed) if speed or self.data.speed is EGO_SPEED else "at rest"
@@ -331,7 +338,7 @@ class _OfModel:
             some = [answer for answer in failing if answer.best_limited_by == limit]
             places = []  # what these answers have in common and others do not
             for of, text in (
-                (lambda at: at[LIGHT.name], self.data.settings.light_text),
+                (lambda at: at[LIGHT.name], self._light_text),
                 (self.data.speed.of, self._speed_text),
             ):
                 own, every = (
@@ -364,6 +371,7 @@ class _OfModel:
         one_direction = "direction" not in self.combinations and self.data.manifest.get("trajectory") is None
         automatic = all(row.conditions[GAIN.name] == AUTOMATIC for row in self.lights)
         plain = one_direction and automatic and self.data.speed is not EGO_SPEED
+        plain = plain and not self.data.settings.of_light  # lights of one spectrum
         return self.by_light and self.whole is not None and self.varied == ["light"] and plain
 
     def next_steps(self) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 from blurnoise_eval.plan.axes import (
@@ -64,28 +63,33 @@ class TestedSettings:
     """The settings of conditions, in order.
 
     axes: the light, and every other axis but exposure and velocity that has several values; further: these without
-    the light. held: the text of what does not vary, '25 °C · f/2.8'. lights: names by lux. Spectrum and headlamps of
-    a named light are the light's, as long as each has one.
+    the light. of_light: axes of several values that go with the light, as the spectra of named lights do. held: the
+    text of what does not vary, '25 °C · f/2.8'. names: of lights by lux, with what goes with them.
     """
 
-    def __init__(
-        self, conditions: Iterable[AxisValues], lights: Mapping[float, str] = MappingProxyType({})
-    ) -> None:
+    def __init__(self, conditions: Iterable[AxisValues], names: Mapping[float, object] = {}) -> None:
         every = list(conditions)
-        self.lights = lights
         values = {axis: {at[axis.name] for at in every} for axis in SETTING_AXES}
-        of_light = {
-            axis
-            for axis in values
-            if axis.name in LIT
-            and values[LIGHT] <= lights.keys()
-            and len({(at[LIGHT.name], at[axis.name]) for at in every}) == len(values[LIGHT])
+        of_lux = {at[LIGHT.name]: at for at in every}
+        several = [axis for axis in values if axis is LIGHT or len(values[axis]) > 1]
+        lit = [axis for axis in several if axis.name in LIT]
+        self.of_light = tuple(
+            axis for axis in lit if all(at[axis.name] == of_lux[at[LIGHT.name]][axis.name] for at in every)
+        )
+        own = {
+            lux: ", ".join([LIGHT.text(lux), *(axis.text(at[axis.name]) for axis in self.of_light)])
+            for lux, at in of_lux.items()
         }
-        values = {axis: some for axis, some in values.items() if axis not in of_light}
-        self.axes = tuple(axis for axis in values if axis is LIGHT or len(values[axis]) > 1)
+        self._lights = {lux: str(names.get(lux, text)) for lux, text in own.items()}
+        self.axes = tuple(axis for axis in several if axis not in self.of_light)
         self.further = tuple(axis for axis in self.axes if axis is not LIGHT)
         self.every = tuple(sorted(set(map(self.of, every))))
-        self.held = " · ".join(axis.text(*values[axis]) for axis in values if axis not in self.axes and every)
+        held = [axis for axis in values if axis not in (*several, *self.of_light) and every]
+        self.held = " · ".join(axis.text(*values[axis]) for axis in held)
+
+    def value_text(self, axis: Axis, value: float) -> str:
+        """A value on an axis; of the light with all that goes with it, 'street: 1 lux, led-4000, low beam'."""
+        return self._lights.get(value, axis.text(value)) if axis is LIGHT else axis.text(value)
 
     def of(self, conditions: AxisValues) -> Setting:
         """The setting of some conditions."""
@@ -93,12 +97,9 @@ class TestedSettings:
 
     def text(self, setting: Setting) -> str:
         """'50 lux · 85 °C · f/2.8'."""
-        light, *further = zip(self.axes, setting, strict=True)
-        return " · ".join([self.light_text(light[1]), *(axis.text(value) for axis, value in further)])
-
-    def light_text(self, lux: float) -> str:
-        """'1 lux', or '1 lux (street)' of a named light."""
-        return LIGHT.text(lux) + (f" ({self.lights[lux]})" if lux in self.lights else "")
+        return " · ".join(
+            self.value_text(axis, value) for axis, value in zip(self.axes, setting, strict=True)
+        )
 
     def condition_text(self, cell: CellRow) -> str:
         """'5 ms · 100 lux · 400 px/s · blur 2 px', what else varies before the blur; or 'original picture'.
@@ -111,7 +112,8 @@ class TestedSettings:
         further = [axis.text(at[axis.name]) for axis in self.further]
         if not at[EGO.name]:
             further = [velocity_text(at.velocity_px_s), *further, BLUR.text(cell.blur_px or 0.0)]
-        return " · ".join([EXPOSURE.text(at.exposure_s), self.light_text(at.illuminance_lux), *further])
+        light = self.value_text(LIGHT, at.illuminance_lux)
+        return " · ".join([EXPOSURE.text(at.exposure_s), light, *further])
 
 
 def word(axis: Axis | Coordinate) -> str:

@@ -56,6 +56,9 @@ class HeadlitFacts(NamedTuple):
     """What is noted of a picture: the mean luminance of its background, 1 is white, and its targets of known size.
 
     unknown: how many targets have none.
+
+    >>> HeadlitFacts.read('[0.2, 1, [["stop sign", 3.0, 50.0, 2.2, 0.34, false, false, true]]]').targets[0].ahead_m
+    50.0
     """
 
     background: float

@@ -50,7 +50,12 @@ class RunLight(NamedTuple):
 
 
 def lights_of(conditions: Iterable[Mapping[str, float | None]]) -> list[RunLight]:
-    """The lights of conditions, each once, the darkest first."""
+    """The lights of conditions, each once, the darkest first.
+
+    >>> from blurnoise_eval.plan.conditions import Conditions
+    >>> lights_of([Conditions(exposure_s=0.01, illuminance_lux=1.0, headlamp=1.0)])
+    [RunLight(lux=1.0, illuminant='D55', beam='low')]
+    """
     found = set()
     for at in conditions:
         lux, beam = at[LIGHT.name], HEADLAMP.choice(at[HEADLAMP.name] or 0.0)
@@ -74,7 +79,8 @@ def light_lines(
     if not plan.beams:
         signs = [label for label in labels if _shines(label, plan)]
         night = any(0 < light.lux <= _NIGHT_LUX for light in lights)
-        return [MATT] * bool(signs and night)
+        named = [light.text(plan) for light in lights] if plan.light else []
+        return [*named, *[MATT] * bool(signs and night)]
     every = [HeadlitFacts.read(each.headlit) for each in pictures.values() if each.headlit is not None]
     view = plan.lit.view(setup.camera, plan.vehicle)
     lines = [_line(light, plan, view, every) for light in lights]

@@ -74,6 +74,7 @@ TABLES = ";\n".join(
         "",
     ]
 )
+# SQLite keeps four bytes in a file's head for its owner, by which `file` and we recognise it.
 APPLICATION = 0x626C6E73
 """In the head of each run's file, as SQLite has it: "blns"."""
 VERSION = int.from_bytes(hashlib.sha256(TABLES.encode()).digest()[:4]) >> 1
