@@ -61,6 +61,8 @@ def grids(draw):
     if EGO.name in grid:  # whose camera moves all in its own way
         grid = {name: values for name, values in grid.items() if name not in (*VELOCITY, MOVES.name)}
         grid |= {name: [0.0] for name in VELOCITY if name in CORE}
+    if any(grid.get("headlamp", ())):  # which light nothing by themselves
+        grid["illuminance_lux"] = [lux for lux in grid["illuminance_lux"] if lux >= 1e-3] or [1.0]
     longest_s = max(grid["exposure_s"])
     for name in VELOCITY:  # no farther than a picture may move during an exposure
         if name in grid:
