@@ -16,7 +16,15 @@ BeamPlanes = Mapping[str, Tensor]
 
 
 def checked_planes(name: str, planes: BeamPlanes, *shapes: tuple[int, ...]) -> dict[str, Tensor]:
-    """Planes, lux >= 0, of one of these shapes, by beam. Raises ``TypeError`` or ``ValueError``."""
+    """Planes, lux >= 0, of one of these shapes, by beam. Raises ``TypeError`` or ``ValueError``.
+
+    >>> import torch
+    >>> list(checked_planes("headlamp_lux", {"low": torch.full((1, 1, 2, 3), 20.0)}, (1, 1, 2, 3)))
+    ['low']
+    >>> checked_planes("headlamp_lux", {"fog": torch.ones(1, 1, 2, 3)}, (1, 1, 2, 3))
+    Traceback (most recent call last):
+    ValueError: headlamp_lux = 'fog': must be one of 'low', 'high'
+    """
     an_instance(name, planes, Mapping)
     most = LIMITS["illuminance_lux"].high
     for beam, plane in planes.items():
