@@ -19,11 +19,11 @@ def checked_planes(name: str, planes: BeamPlanes, *shapes: tuple[int, ...]) -> d
     """Planes, lux >= 0, of one of these shapes, by beam. Raises ``TypeError`` or ``ValueError``.
 
     >>> import torch
-    >>> list(checked_planes("headlamp_lux", {"low": torch.full((1, 1, 2, 3), 20.0)}, (1, 1, 2, 3)))
-    ['low']
-    >>> checked_planes("headlamp_lux", {"fog": torch.ones(1, 1, 2, 3)}, (1, 1, 2, 3))
+    >>> checked_planes("headlamp_lux", {"low": torch.full((1, 1, 4, 6), 20.0)}, (1, 1, 4, 6)).keys()
+    dict_keys(['low'])
+    >>> checked_planes("headlamp_lux", {"low": torch.zeros(1, 1, 4, 6)}, (1, 1, 8, 8))
     Traceback (most recent call last):
-    ValueError: headlamp_lux = 'fog': must be one of 'low', 'high'
+    ValueError: headlamp_lux['low']: shape is (1, 1, 4, 6); must be (1, 1, 8, 8)
     """
     an_instance(name, planes, Mapping)
     most = LIMITS["illuminance_lux"].high
