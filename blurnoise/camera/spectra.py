@@ -176,7 +176,14 @@ def illuminant(name: str | Curve) -> Curve:
 
 
 def check_illuminant(illuminant: object) -> str | Curve:
-    """The name as ``ILLUMINANTS`` has it, or the curve. Raises ``TypeError`` or ``ValueError`` for anything else."""
+    """The name as ``ILLUMINANTS`` has it, or the curve. Raises ``TypeError`` or ``ValueError`` for anything else.
+
+    >>> check_illuminant("d65")
+    'D65'
+    >>> check_illuminant("moon")
+    Traceback (most recent call last):
+    ValueError: illuminant = 'moon': must be D50, D55, D65, ...
+    """
     if isinstance(illuminant, Curve):
         return illuminant
     if not isinstance(illuminant, str):

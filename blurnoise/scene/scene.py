@@ -93,9 +93,9 @@ class Scene:
                 if not all(beam in planes for planes in every):
                     raise ValueError(f"headlamp = {beam!r}: {what} has no headlamp_lux of this beam")
             plane = self.headlamp_lux[beam].to(self.light)
-            ranges = tuple(
-                (*extremes(each), _rms(each)) for each in plane.expand(len(self.light), -1, -1, -1)
-            )
+            behind = plane.expand(len(self.light), -1, -1, -1)
+            layers = self.per_picture or ((),) * len(behind)
+            ranges = tuple(_range_lux(beam, *each) for each in zip(behind, layers, strict=True))
             self._beams[beam] = BeamLight(beam, ranges, plane)
         return self._beams[beam]
 
@@ -126,8 +126,15 @@ def _noise_field(plane: Tensor, seed: int, stream: str, planes: int) -> Tensor:
     return rng.standard_normal([seed], plane.expand(-1, planes, -1, -1), stream)
 
 
-def _rms(plane: Tensor) -> float:
-    return float(plane.detach().double().square().mean().sqrt())
+def _range_lux(beam: str, behind: Tensor, layers: Sequence[Layer]) -> tuple[float, float, float]:
+    """The least, the most and the RMS of headlamps' light on a picture, that on its layers included, lux."""
+    least, most = extremes(behind)
+    squares = float(behind.detach().double().square().sum())
+    for layer in layers:
+        low, high = extremes(layer.headlamp_lux[beam])
+        least, most = min(least, low), max(most, high)
+        squares += float((layer.headlamp_lux[beam] * layer.alpha).detach().double().square().sum())
+    return least, most, min(most, math.sqrt(squares / behind.numel()))
 
 
 def brightest(light: Tensor, layers: Sequence[Sequence[Layer]]) -> list[float]:
