@@ -348,19 +348,14 @@ class SweepPlan(ExposureSettings):
                 f"{EGO.name}: ego-motion moves each part of the picture differently; it excludes {', '.join(others)}"
             )
 
-    def for_pictures(self, *, labelled: bool, rendered: bool) -> Self:
-        """The plan for pictures of some kind.
+    def for_rendered(self) -> Self:
+        """The plan for rendered signs, whose sizes in px say nothing of their distance.
 
-        Without labels, targets are not known: headlamps that only a named light has are off. Rendered signs, whose
-        sizes say nothing of their distance, are lit as at :data:`.usual.DISTANCE_M`, unless the plan states another.
+        Headlamps light them as at :data:`.usual.DISTANCE_M`, unless the plan states another distance.
         """
-        if not self.beams:
+        if not self.beams or self.lit.distance_m is not None:
             return self
-        if not labelled and HEADLAMP.name not in self.grid:
-            return replace(self, grid={**self.grid, HEADLAMP.name: (0.0,)})
-        if rendered and self.lit.distance_m is None:
-            return replace(self, lit=replace(self.lit, distance_m=usual.DISTANCE_M))
-        return self
+        return replace(self, lit=replace(self.lit, distance_m=usual.DISTANCE_M))
 
     @property
     def longest_s(self) -> float:

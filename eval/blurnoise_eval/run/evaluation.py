@@ -114,7 +114,8 @@ def evaluate(
     question = Question() if question is None else question
     check_cluster(question.cluster, (picture.name for picture in pictures.every))
     of_pictures = {"rendered": pictures.kind == "rendered", "labelled": pictures.labelled}
-    plan = (usual_plan() if plan is None else plan).for_pictures(**of_pictures)
+    plan = usual_plan() if plan is None else plan
+    plan = plan.for_rendered() if pictures.kind == "rendered" else plan
     criterion_for(question, reads=not isinstance(opened[0], Detector), **of_pictures)
     check_plan(plan, camera, pictures)
     chosen = _strategy_of(strategy, pictures)(plan, camera)
