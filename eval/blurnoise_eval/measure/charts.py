@@ -303,6 +303,8 @@ def check(camera: Camera, plan: SweepPlan) -> None:
     for name, must in needed.items():
         if any(plan.values(name)):
             raise ValueError(f"{name}: must be {must}")
+    if plan.beams:
+        raise ValueError("headlamp: must be off, as a chart has no targets")
     if plan.lamps is not None:
         raise ValueError("emitters, pwm: must be left out; a chart has no lamps")
     if len(camera.sensor.captures) > 1:  # a chart's metrics are of one frame's digital numbers
