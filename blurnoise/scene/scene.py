@@ -85,7 +85,12 @@ class Scene:
         return self.light.shape[-2], self.light.shape[-1]
 
     def beam_light(self, beam: str) -> BeamLight:
-        """The light of a beam on the pictures. Raises ``ValueError`` where the scene, or a layer of it, has none."""
+        """The light of a beam on the pictures. Raises ``ValueError`` where the scene, or a layer of it, has none.
+
+        >>> scene = Scene(torch.full((1, 1, 4, 6), 0.2), headlamp_lux={"low": torch.full((1, 1, 4, 6), 9.0)})
+        >>> scene.beam_light("low").ranges_lux
+        ((9.0, 9.0, 9.0),)
+        """
         if beam not in self._beams:
             known = {"the scene": [self.headlamp_lux]}
             known["a layer of the scene"] = [one.headlamp_lux for some in self.per_picture for one in some]
@@ -103,6 +108,11 @@ class Scene:
         """Mean light of the first picture as the exposure's camera meters it (:func:`.metering.mean_luma`).
 
         With headlamps mean(light) + mean(light X) / E, both of them computed once for any number of exposures.
+
+        >>> from blurnoise import Camera
+        >>> scene = Scene(torch.full((1, 1, 4, 6), 0.2), headlamp_lux={"low": torch.full((1, 1, 4, 6), 9.0)})
+        >>> round(scene.mean_light(Exposure(Camera.preset("imx250"), 0.01, 3.0, headlamp="low")), 3)
+        0.8
         """
 
         def mean(beam: str) -> float:
