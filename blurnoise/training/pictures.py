@@ -23,7 +23,7 @@ from blurnoise.motion.ego import USUAL_VEHICLE
 from blurnoise.picture.develop import in_channels
 from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
 from blurnoise.scene.exposure import Exposure
-from blurnoise.scene.metering import AutoExposure, mean_luma
+from blurnoise.scene.metering import AutoExposure, anchored, mean_luma
 from blurnoise.scene.scene import Scene, extremes, scene_reflectance
 from blurnoise.scene.take import TakeOptions, take
 from blurnoise.sensor.readout import Fidelity
@@ -42,6 +42,7 @@ def expose_pictures(
     masks: Tensor | None = None,
     lamp_lights: Lights = "all",
     encoding: PictureTone = "srgb",
+    grey_anchor: str | None = None,
     fidelity: Fidelity = "auto",
 ) -> Tensor:
     """Take each picture by its exposure, and develop it: :func:`blurnoise.take` for training.
@@ -53,8 +54,8 @@ def expose_pictures(
     exposure's ``moves`` is the part that moves, and the background behind the targets is filled in from the pixels
     around them. Pictures without masks move as a whole, and so do pictures that the masks cover entirely.
 
-    lamp_lights: the exposure's pulsed lamp lights "all", or the "targets" of pictures with masks. encoding, fidelity:
-    see :func:`blurnoise.simulate`.
+    lamp_lights: the exposure's pulsed lamp lights "all", or the "targets" of pictures with masks. encoding,
+    grey_anchor, fidelity: see :func:`blurnoise.simulate`; a black picture stays black, whatever its anchor.
 
     Returns pictures in [0, 1] of image's shape and dtype, coded by the camera's tone curve, or linear if image is
     linear. Picture i depends on its own exposure alone. Gradients reach the image. Raises ``TypeError`` or
@@ -70,7 +71,7 @@ def expose_pictures(
     one_of("lamp_lights", lamp_lights, ("all", "targets"))
     if masks is not None:
         checked_masks(masks, batch, size)
-    exposures = _metered(exposures_of(exposure, batch), scene, encoding)
+    exposures = _metered(exposures_of(exposure, batch), scene, encoding, grey_anchor)
     lit_by_lamp = None
     if lamp_lights == "targets" and masks is not None and masks.shape[1]:
         lit_by_lamp = masks.amax(1).float()
@@ -84,7 +85,7 @@ def expose_pictures(
             continue
         matte = matte_of(masks[item])
         if matte is not None:
-            light = scene_reflectance(scene[item : item + 1], encoding)
+            light = _reflectance(scene[item : item + 1], encoding, grey_anchor)
             of_targets = scene.new_tensor(one.velocity_px_s if one.moves == "targets" else (0.0, 0.0))
             cuts[item] = in_motion(light, matte, of_targets, one.exposure_s)
 
@@ -93,7 +94,9 @@ def expose_pictures(
         of: Any = slice(None) if len(items) == batch else items  # a slice makes no copy
         cut = [cuts[item] for item in items if item in cuts]
         light = (
-            torch.cat([each.background for each in cut]) if cut else scene_reflectance(scene[of], encoding)
+            torch.cat([each.background for each in cut])
+            if cut
+            else _reflectance(scene[of], encoding, grey_anchor)
         )
         some = Scene(
             light,
@@ -165,11 +168,21 @@ def _together(exposures: Sequence[Exposure], like: Tensor, *, cut: bool, lamps: 
     )
 
 
-def _metered(exposures: list[Exposure], scene: Tensor, encoding: PictureTone) -> list[Exposure]:
+def _reflectance(scene: Tensor, encoding: PictureTone, grey_anchor: str | None) -> Tensor:
+    """Pictures as reflectance, each with its anchor at 18 %; one without light, as a mosaic may leave, stays so."""
+    light = scene_reflectance(scene, encoding)
+    if grey_anchor is None:
+        return light
+    return torch.cat([anchored(each, grey_anchor) if each.any() else each for each in light.split(1)])
+
+
+def _metered(
+    exposures: list[Exposure], scene: Tensor, encoding: PictureTone, grey_anchor: str | None
+) -> list[Exposure]:
     """The exposures with the gains that their auto-exposures set for the mean light of each picture."""
     if not any(isinstance(one.gain_db, AutoExposure) for one in exposures):
         return exposures
-    light = scene_reflectance(scene.detach(), encoding)
+    light = _reflectance(scene.detach(), encoding, grey_anchor)
     lit_by = {(one.camera, one.illuminant) for one in exposures}
     means = {each: mean_luma(light, *each).tolist() for each in lit_by}
     return [one.metered(means[one.camera, one.illuminant][item]) for item, one in enumerate(exposures)]
