@@ -139,11 +139,11 @@ def stop_sign(
     tensor([0.4300, 0.0130, 0.0120])
     """
     if isinstance(background, Tensor):
-        found = tuple(checks.image_batch("background", background).shape)
-        height_px = found[2] if height_px is None else height_px
-        width_px = found[3] if width_px is None else width_px
-        if found != (1, 3, height_px, width_px):
-            raise ValueError(f"background: shape must be (1, 3, {height_px}, {width_px}), got {found}")
+        shape = tuple(checks.image_batch("background", background).shape)
+        height_px = shape[2] if height_px is None else height_px
+        width_px = shape[3] if width_px is None else width_px
+        if shape != (1, 3, height_px, width_px):
+            raise ValueError(f"background: shape must be (1, 3, {height_px}, {width_px}), got {shape}")
         low, high = (float(end) for end in background.aminmax())
         if low < 0 or high > 1:
             raise ValueError(f"background: must lie within [0, 1], spans [{low:g}, {high:g}]")

@@ -279,10 +279,10 @@ def finite(name: str, value: Tensor) -> Tensor:
     """
     # A sum is finite where all its values are, in one pass without a mask; it may also overflow, hence the second
     # test. NumPy's sum wakes no threads.
-    seen = value.detach()
+    plain = value.detach()
     with np.errstate(all="ignore"):
-        total = seen.sum() if seen.device.type != "cpu" else seen.numpy().sum()
-    if not math.isfinite(float(total)) and not bool(torch.isfinite(seen).all()):
+        total = plain.sum() if plain.device.type != "cpu" else plain.numpy().sum()
+    if not math.isfinite(float(total)) and not bool(torch.isfinite(plain).all()):
         raise ValueError(f"{name}: contains NaN or Inf")
     return value
 
@@ -301,10 +301,10 @@ def limited_per_image(name: str, value: Numbers, batch: int, like: Tensor) -> Te
     if tensor.ndim > 1 or (tensor.ndim == 1 and tensor.shape[0] not in (1, batch)):
         raise ValueError(f"{name}: must be a number or {batch} numbers, got shape {tuple(tensor.shape)}")
     low, high, _ = LIMITS[name]
-    seen: Any = tensor.detach()
-    if seen.device.type == "cpu" and seen.dtype in (torch.float32, torch.float64):
-        seen = seen.numpy()  # faster for a few numbers
-    if not bool(((seen >= low) & (seen <= high) & (abs(seen) < math.inf)).all()):
+    plain: Any = tensor.detach()
+    if plain.device.type == "cpu" and plain.dtype in (torch.float32, torch.float64):
+        plain = plain.numpy()  # faster for a few numbers
+    if not bool(((plain >= low) & (plain <= high) & (abs(plain) < math.inf)).all()):
         raise OutOfRange(name, value, low, high)
     return tensor.to(device=like.device, dtype=like.dtype).expand(batch)
 
@@ -449,11 +449,11 @@ def check_fields(record: Any, but: frozenset[str] = frozenset()) -> None:
         except RecursionError:
             raise ValueError(f"{name}: must not be nested so deeply") from None
     try:
-        found = model.model_validate(plain)
+        validated = model.model_validate(plain)
     except ValidationError as error:
         raise _first_fault(error, given, model) from None
     for name in given:
-        object.__setattr__(record, name, getattr(found, name))
+        object.__setattr__(record, name, getattr(validated, name))
 
 
 @lru_cache
@@ -495,9 +495,9 @@ def _first_fault(error: ValidationError, given: Mapping[str, object], model: typ
         rule = "finite_number"
     elif float in limits and type(value) is int:
         value = float(value)
-    own = [text for text in entry.metadata if isinstance(text, str) and rule != "string_unicode"]
-    if own:
-        value, must, below = given[name], own[0], []
+    field_words = [text for text in entry.metadata if isinstance(text, str) and rule != "string_unicode"]
+    if field_words:
+        value, must, below = given[name], field_words[0], []
     elif rule == "literal_error":
         must = f"must be one of {context['expected'].replace(' or ', ', ')}"
     elif rule == "float_type" and isinstance(value, str):
@@ -507,8 +507,8 @@ def _first_fault(error: ValidationError, given: Mapping[str, object], model: typ
     elif "class_name" in context:  # of a tuple of records
         must = f"must be a {context['class_name']}"
     else:
-        found = ((key, getattr(limit, key, None)) for limit in limits for key in ("gt", "ge", "le"))
-        ends = {key: end for key, end in found if end is not None}
+        bounds = ((key, getattr(limit, key, None)) for limit in limits for key in ("gt", "ge", "le"))
+        ends = {key: end for key, end in bounds if end is not None}
         low, high = ends.get("gt", ends.get("ge", -math.inf)), ends.get("le", math.inf)
         if not below and isinstance(value, float):
             return OutOfRange(name, value, low, high, "gt" in ends)

@@ -108,12 +108,12 @@ def json_of(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] | None = No
 
 
 def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, value in pairs:
-        if key in found:
+        if key in values:
             raise ValueError(f"{key}: is given twice")
-        found[key] = value
-    return found
+        values[key] = value
+    return values
 
 
 def yaml_of(text: str) -> Any:

@@ -58,14 +58,14 @@ class Writing:
     _read: set[Known] = field(default_factory=set)
     _swept: set[Path] = field(default_factory=set)
 
-    def reads(self, found: os.stat_result) -> bool:
+    def reads(self, asked: os.stat_result) -> bool:
         """Whether a file is an input, by whatever name."""
         while self.inputs:
             for path in self.inputs.pop():
                 with suppress(OSError, ValueError):
-                    own = path.stat()
-                    self._read.add((own.st_dev, own.st_ino))
-        return (found.st_dev, found.st_ino) in self._read
+                    facts = path.stat()
+                    self._read.add((facts.st_dev, facts.st_ino))
+        return (asked.st_dev, asked.st_ino) in self._read
 
     def sweep(self, folder: Path) -> None:
         """Delete the unfinished copies in a folder whose processes have ended; once."""
@@ -95,21 +95,21 @@ def writing(*, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Iterator
     'ours'
     """
     outer = _WRITING.get()
-    own = Writing(overwrite) if outer is None else outer
-    before, own.overwrite = own.overwrite, own.overwrite or overwrite
-    own.inputs.append(inputs)
-    token = _WRITING.set(own)
+    command = Writing(overwrite) if outer is None else outer
+    before, command.overwrite = command.overwrite, command.overwrite or overwrite
+    command.inputs.append(inputs)
+    token = _WRITING.set(command)
     try:
-        yield own
+        yield command
     finally:
-        own.overwrite = before
+        command.overwrite = before
         _WRITING.reset(token)
 
 
 def note_inputs(paths: Iterable[Path]) -> None:
     """Register files that the command reads. They are examined only when a file is about to be replaced."""
-    if (own := _WRITING.get()) is not None:
-        own.inputs.append(paths)
+    if (command := _WRITING.get()) is not None:
+        command.inputs.append(paths)
 
 
 def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
@@ -201,27 +201,27 @@ def check_replaceable(path: Path, new: Path | None = None) -> Path | None:
     'a.txt'
     """
     with _naming(path):
-        own = _WRITING.get() or Writing()
+        command = _WRITING.get() or Writing()
         try:
-            found = path.stat()
+            facts = path.stat()
         except FileNotFoundError:
-            return _home(path, own)
-        if stat.S_ISDIR(found.st_mode):
+            return _home(path, command)
+        if stat.S_ISDIR(facts.st_mode):
             raise IsADirectoryError(errno.EISDIR, "is a folder; must be a file")
-        if stat.S_IFMT(found.st_mode) in _STREAMS or _standard(found) is not None:
+        if stat.S_IFMT(facts.st_mode) in _STREAMS or _standard(facts) is not None:
             return None
-        if not stat.S_ISREG(found.st_mode):
+        if not stat.S_ISREG(facts.st_mode):
             raise OSError(errno.EINVAL, "is a disk or a socket; must be a file")
-        if own.reads(found):
+        if command.reads(facts):
             raise FileExistsError(errno.EEXIST, "is an input of this command, which is never replaced")
-        target = _home(path, own)
+        target = _home(path, command)
         if _is_written(target):
             return target
-        if not own.overwrite:
+        if not command.overwrite:
             whose = "is a file that blurnoise did not write, or that was changed since"
             raise FileExistsError(errno.EEXIST, f"{whose}; overwrite=True replaces it")
         same_name = target.suffix.lower() == path.suffix.lower()
-        if not same_name or (found.st_size and _is_text(target) != _will_be_text(path, new, target)):
+        if not same_name or (facts.st_size and _is_text(target) != _will_be_text(path, new, target)):
             kind = f"is a file of another kind ({target.name}), which is never replaced"
             raise FileExistsError(errno.EEXIST, kind)
         return target
@@ -256,9 +256,9 @@ def remove(path: Path) -> None:
         target.unlink(missing_ok=True)
 
 
-def remove_made(own: Writing, since: int) -> None:
+def remove_made(command: Writing, since: int) -> None:
     """Delete the files that were made from the one of this number on, unless they changed, and lists of no file."""
-    made, own.made[since:] = own.made[since:], []
+    made, command.made[since:] = command.made[since:], []
     for path in made:
         manifest = path.parent / MANIFEST
         with suppress(OSError):
@@ -268,29 +268,29 @@ def remove_made(own: Writing, since: int) -> None:
                 manifest.unlink()
 
 
-def _home(path: Path, own: Writing) -> Path:
+def _home(path: Path, command: Writing) -> Path:
     """The file that links lead to; leftovers in its folder are removed."""
     target = Path(os.path.realpath(path))
     if _WRITING.get() is not None:
-        own.sweep(target.parent)
+        command.sweep(target.parent)
     return target
 
 
-def _standard(found: os.stat_result) -> int | None:
+def _standard(facts: os.stat_result) -> int | None:
     """The descriptor of standard output or error if it is redirected to this file."""
     for handle in (1, 2):
         with suppress(OSError):
-            if os.path.samestat(found, os.fstat(handle)):
+            if os.path.samestat(facts, os.fstat(handle)):
                 return handle
     return None
 
 
 def _write_to(path: Path, unfinished: Path) -> None:
-    found = path.stat()
-    own = _standard(found) if stat.S_ISREG(found.st_mode) else None
+    facts = path.stat()
+    stream = _standard(facts) if stat.S_ISREG(facts.st_mode) else None
     with (
         unfinished.open("rb") as data,
-        path.open("wb") if own is None else os.fdopen(os.dup(own), "wb") as to,
+        path.open("wb") if stream is None else os.fdopen(os.dup(stream), "wb") as to,
     ):
         shutil.copyfileobj(data, to)
 
@@ -302,8 +302,8 @@ def _note(path: Path, target: Path, unfinished: Path) -> None:
         size = os.fstat(file.fileno()).st_size
         content = size, _digest(file, size)
     if not target.exists():
-        if (own := _WRITING.get()) is not None:
-            own.made.append(target)
+        if (command := _WRITING.get()) is not None:
+            command.made.append(target)
     elif content in _lines(target.parent / MANIFEST).get(target.name, ()):
         return
     line = json.dumps({"wrote": target.name, "size": size, "blake2b": content[1]})
@@ -331,16 +331,16 @@ def _is_written(target: Path) -> bool:
 
 def _lines(manifest: Path) -> dict[str, set[tuple[int, str]]]:
     """Sizes and hashes of the written files in a list, by name; invalid lines are skipped."""
-    found: dict[str, set[tuple[int, str]]] = {}
+    contents: dict[str, set[tuple[int, str]]] = {}
     with suppress(OSError), _opened(manifest, os.O_RDONLY) as handle, os.fdopen(os.dup(handle), "rb") as file:
         if file.read(len(_LINE)) != _LINE:
-            return found
+            return contents
         file.seek(max(0, os.fstat(handle).st_size - _LARGEST_MANIFEST))
         for line in file.read(_LARGEST_MANIFEST).splitlines():
             with suppress(ValueError, KeyError, TypeError, RecursionError):
                 held = json.loads(line)
-                found.setdefault(str(held["wrote"]), set()).add((held["size"], held["blake2b"]))
-    return found
+                contents.setdefault(str(held["wrote"]), set()).add((held["size"], held["blake2b"]))
+    return contents
 
 
 @contextmanager
@@ -397,8 +397,8 @@ def _probe(folder: Path) -> None:
     probe = _beside(folder / "probe")
     probe.touch(exist_ok=False)
     probe.unlink()
-    if (own := _WRITING.get()) is not None:
-        own.sweep(folder)
+    if (command := _WRITING.get()) is not None:
+        command.sweep(folder)
 
 
 def _beside(path: Path) -> Path:

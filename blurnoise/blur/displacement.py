@@ -252,14 +252,14 @@ class Displacement:
         """The pixels that an object may cover during the exposure; ``rest``: those that it covers at mid-exposure."""
         if self.way == "rows":
             stretch(self.velocity_px_s[1], self.readout.row_s)
-        seen, before = Window(0, 0, self.readout.rows, 1), None
-        while seen != before:  # of all rows first, then of those that it comes to
-            before, (low, high) = seen, self.range_px(seen._replace(left=0, width=1))
+        covered, before = Window(0, 0, self.readout.rows, 1), None
+        while covered != before:  # of all rows first, then of those that it comes to
+            before, (low, high) = covered, self.range_px(covered._replace(left=0, width=1))
             left, top = (-spread_px(-along) for along in low.tolist())
             right, bottom = (spread_px(along) for along in high.tolist())
             height, width = max(1, rest.height + bottom - top), rest.width + right - left
-            seen = Window(rest.top + top, rest.left + left, height, width)
-        return seen
+            covered = Window(rest.top + top, rest.left + left, height, width)
+        return covered
 
     @cached_property
     def parts(self) -> int:
@@ -298,8 +298,8 @@ class Displacement:
         # Only rows near the picture are searched: boxes may lie anywhere.
         rows = rows - far
         grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
-        seen: Floats = far + np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
-        return seen
+        shown: Floats = far + np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
+        return shown
 
     def covered(self, boxes: Floats) -> Floats:
         """The boxes that boxes (N, 4), px between pixels' centres, sweep while their rows are exposed.
@@ -318,14 +318,14 @@ class Displacement:
         begun = np.where(times >= starts[-1], outside, np.interp(times, starts, rows))
         first, last = np.minimum(over, begun), np.maximum(over, begun)
         x, y = self._places(times)
-        found = boxes.copy()
-        for box in found:
+        swept = boxes.copy()
+        for box in swept:
             left, top, right, bottom = box
             upper, lower = np.maximum(first, top + y), np.minimum(last, bottom + y)
-            if (seen := upper <= lower).any():
-                across = x[seen]
-                box[:] = left + across.min(), upper[seen].min(), right + across.max(), lower[seen].max()
-        return found
+            if (exposed := upper <= lower).any():
+                across = x[exposed]
+                box[:] = left + across.min(), upper[exposed].min(), right + across.max(), lower[exposed].max()
+        return swept
 
 
 def stretch(velocity_y_px_s: float, row_s: float) -> float:
@@ -355,8 +355,8 @@ def _carried(flow: Tensor, by_px: Tensor) -> Tensor:
     x = torch.arange(width).to(flow) - by_px[0]
     y = torch.arange(height).to(flow)[:, None] - by_px[1]
     grid = torch.stack([2 * x / max(1, width - 1) - 1, 2 * y / max(1, height - 1) - 1], -1)
-    seen: Tensor = functional.grid_sample(flow[None], grid[None], "bilinear", "border", align_corners=True)
-    return seen[0]
+    carried: Tensor = functional.grid_sample(flow[None], grid[None], "bilinear", "border", align_corners=True)
+    return carried[0]
 
 
 def spread_px(along_px: float) -> int:

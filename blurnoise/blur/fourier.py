@@ -241,9 +241,9 @@ def apply(
     lengths = [layout.lengths[dim] for dim in layout.dims]
     for (window_y, down, inner_y), (window_x, across, inner_x) in product(y.tiles, x.tiles):
         spectrum, blurs = torch.fft.rfftn(plane[..., window_y, window_x], dim=layout.dims), []
-        for place, factors in enumerate(responses):
+        for index, factors in enumerate(responses):
             blurred = torch.fft.irfftn(spectrum * factors, s=lengths, dim=layout.dims)[..., inner_y, inner_x]
-            blurs.append(blurred if weights is None else blurred * weights[place, down, across])
+            blurs.append(blurred if weights is None else blurred * weights[index, down, across])
         out[..., down, across] = sum(blurs[1:], blurs[0])
     return out
 
@@ -264,16 +264,16 @@ def _planes(
         spectrum, blurred = np.empty((2, *lengths), kind)
         filtered = spectrum if weights is None else np.empty(lengths, kind)
         cv2.dft(planes[channel, window_y, window_x], spectrum)
-        for place, each in enumerate(factors):
+        for index, each in enumerate(factors):
             response.multiply(spectrum, each, filtered)
             cv2.dft(filtered, blurred, cv2.DFT_INVERSE)
-            seen = blurred[inner_y, inner_x]
+            inner = blurred[inner_y, inner_x]
             if weights is not None:
-                seen = np.multiply(seen, weights[place, down, across], out=seen)
-            if place:
-                target += seen
+                inner = np.multiply(inner, weights[index, down, across], out=inner)
+            if index:
+                target += inner
             else:
-                target[:] = seen
+                target[:] = inner
 
     side_by_side(blur, product(range(len(planes)), y.tiles, x.tiles), threads)
 

@@ -79,9 +79,9 @@ class Layer:
     def __post_init__(self) -> None:
         image_batch("layer: light", self.light, "(C, h, w)")
         image_batch("layer: alpha", self.alpha, "(h, w)")
-        size, own = tuple(self.alpha.shape), tuple(self.light.shape[1:])
-        if own != size:
-            raise ValueError(f"layer: alpha is {size}, light {own}; must be equal")
+        size, light_size = tuple(self.alpha.shape), tuple(self.light.shape[1:])
+        if light_size != size:
+            raise ValueError(f"layer: alpha is {size}, light {light_size}; must be equal")
         checked_planes("layer: headlamp_lux", self.headlamp_lux, (1, *size))
         low, high = (float(edge) for edge in self.alpha.detach().aminmax())
         if low < 0 or high > 1:
@@ -92,10 +92,10 @@ class Layer:
         for along in velocity.detach().tolist():
             in_range("layer: velocity_px_s", along, *LIMITS["velocity_px_s"][:2])
         object.__setattr__(self, "velocity_px_s", velocity)
-        place = self.place_px
-        if not isinstance(place, (tuple, list)) or len(place) != 2:
-            raise ValueError(f"layer: place_px = {shown(place)}: must be two whole numbers (left, top)")
-        for along in place:
+        corner = self.place_px
+        if not isinstance(corner, (tuple, list)) or len(corner) != 2:
+            raise ValueError(f"layer: place_px = {shown(corner)}: must be two whole numbers (left, top)")
+        for along in corner:
             integer("layer: place_px", along, -_PLACE_PX, _PLACE_PX)
 
     def displacement_px(self, exposure_s: Tensor) -> Tensor:
@@ -130,18 +130,20 @@ def layers_per_picture(layers: Layers, background: Tensor) -> tuple[tuple[Layer,
     must = f"layers: must be layers, or a sequence of them for each of {len(background)} pictures"
     if not isinstance(layers, (tuple, list)):
         raise TypeError(must)
-    found: Any = layers
+    per_picture: Any = layers
     if all(isinstance(each, Layer) for each in layers):
-        found = (layers,) * len(background)
-    if len(found) != len(background) or not all(isinstance(each, (tuple, list)) for each in found):
+        per_picture = (layers,) * len(background)
+    if len(per_picture) != len(background) or not all(
+        isinstance(each, (tuple, list)) for each in per_picture
+    ):
         raise ValueError(must)
-    for layer in (layer for some in found for layer in some):
+    for layer in (layer for some in per_picture for layer in some):
         an_instance("layers", layer, Layer)
         if len(layer.light) not in (1, background.shape[1]):
             raise ValueError(
                 f"layers: one has {len(layer.light)} channels; must be 1 or the background's {background.shape[1]}"
             )
-    return tuple(map(tuple, found))
+    return tuple(map(tuple, per_picture))
 
 
 @same_bits
@@ -174,8 +176,8 @@ def expose_layers(
         for by, lasting in zip(moved_px, exposure, strict=True)
     ]
     pictures = zip(torch.split(background, 1), per_picture, moves, strict=True)
-    seen = [exposed(picture, own, by, border) for picture, own, by in pictures]
-    return seen[0] if len(seen) == 1 else torch.cat(seen)
+    mean_light = [exposed(picture, some, by, border) for picture, some, by in pictures]
+    return mean_light[0] if len(mean_light) == 1 else torch.cat(mean_light)
 
 
 def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
@@ -214,10 +216,10 @@ def exposed(
     for layer in map(trimmed, layers):
         displacement = layer.displacement_px(moves.exposure_s).to(background)
         limited_motion("displacement_px: a layer's velocity times exposure", displacement)
-        own = replace(moves, even_px=displacement)
-        window = Window(0, 0, *size) if border == "circular" else own.passed(layer.window).clipped(size)
+        motion = replace(moves, even_px=displacement)
+        window = Window(0, 0, *size) if border == "circular" else motion.passed(layer.window).clipped(size)
         if window.height > 0 and window.width > 0:
-            groups.append(_Alike((layer,), own, window))
+            groups.append(_Alike((layer,), motion, window))
     ground = background
     # An object that moves with the background hides the same part of it throughout: the two are one picture.
     while groups and groups[0].moves.moves_like(moves):  # it is part of the background
@@ -235,7 +237,7 @@ def exposed(
     out = blurred.clone() if blurred is background or follows else blurred
     for window, members in meeting([each.window for each in groups]):
         near: list[_Alike] = []
-        for each in (groups[place] for place in members):
+        for each in (groups[index] for index in members):
             if near and near[-1].moves.moves_like(each.moves):
                 last = near.pop()
                 each = _Alike((*last.layers, *each.layers), last.moves, window)
@@ -243,11 +245,11 @@ def exposed(
         # The matte formula is exact where the object or the background is still; else the part of the background
         # that is hidden changes during the exposure.
         if len(near) > 1 or not (moves.still or near[0].moves.still):
-            seen = _sub_exposed(near, window, ground, blurred, moves, border)
+            composite = _sub_exposed(near, window, ground, blurred, moves, border)
         else:
             colour, share = _blurred(near[0], window, background, border)
-            seen = colour + (1 - share) * blurred[..., *window.within]
-        out[..., *window.within] = seen
+            composite = colour + (1 - share) * blurred[..., *window.within]
+        out[..., *window.within] = composite
     return out
 
 
@@ -259,17 +261,17 @@ class _Alike(NamedTuple):
     window: Window
 
 
-def _blurred(own: _Alike, window: Window, like: Tensor, border: Border) -> tuple[Tensor, Tensor]:
+def _blurred(group: _Alike, window: Window, like: Tensor, border: Border) -> tuple[Tensor, Tensor]:
     """The blurred light times matte, (1, C, h, w), and the blurred matte, (1, 1, h, w), in the window."""
-    moves = own.moves
+    moves = group.moves
     work = _work(window, [moves])
-    plane = plane_of(own.layers, work, like, border)
+    plane = plane_of(group.layers, work, like, border)
     if moves.readout.row_s and not moves.still:
-        seen = sub_exposures.exposed(MovingPlane(plane[0], moves, work.top, work.left), window)[None]
+        mean = sub_exposures.exposed(MovingPlane(plane[0], moves, work.top, work.left), window)[None]
     else:
         # The window holds all that the motion reaches, so that what wraps round is 0.
-        seen = cut(moved(plane, moves, "circular"), work, window)
-    return seen[:, :-1], seen[:, -1:].clamp(0, 1)
+        mean = cut(moved(plane, moves, "circular"), work, window)
+    return mean[:, :-1], mean[:, -1:].clamp(0, 1)
 
 
 def _sub_exposed(
@@ -329,12 +331,12 @@ def meeting(windows: Sequence[Window]) -> list[tuple[Window, list[int]]]:
     [[1], [0, 2]]
     """
     groups: list[tuple[Window, list[int]]] = []
-    for place, window in enumerate(windows):
-        members = [place]
+    for index, window in enumerate(windows):
+        members = [index]
         while met := [group for group in groups if group[0].meets(window)]:
             groups = [group for group in groups if group not in met]
-            for other, places in met:
-                window, members = window.joined(other), [*members, *places]
+            for other, indices in met:
+                window, members = window.joined(other), [*members, *indices]
         groups.append((window, sorted(members)))
     return groups
 
@@ -394,11 +396,11 @@ def trimmed(layer: Layer) -> Layer:
     x, y, width, height = cv2.boundingRect((layer.alpha.detach() > 0).byte().cpu().numpy())
     if differentiable(layer.alpha) or width == 0 or (height, width) == tuple(layer.alpha.shape):
         return layer
-    own, (left, top) = (slice(y, y + height), slice(x, x + width)), layer.place_px
-    planes = {beam: plane[:, *own] for beam, plane in layer.headlamp_lux.items()}
-    place = left + x, top + y
+    box, (left, top) = (slice(y, y + height), slice(x, x + width)), layer.place_px
+    planes = {beam: plane[:, *box] for beam, plane in layer.headlamp_lux.items()}
+    corner = left + x, top + y
     return replace(
-        layer, light=layer.light[:, *own], alpha=layer.alpha[own], place_px=place, headlamp_lux=planes
+        layer, light=layer.light[:, *box], alpha=layer.alpha[box], place_px=corner, headlamp_lux=planes
     )
 
 

@@ -127,15 +127,15 @@ def _remap(source: Plane, target: Plane, along_y: _Pairs, along_x: _Pairs) -> No
 def _strip(plane: Tensor, along_y: _Pairs, along_x: _Pairs) -> Tensor:
     """Six taps along each axis, two at a time by a bilinear sample between them, since no weight is negative."""
     height, width = plane.shape[-2:]
-    seen = plane.new_zeros(())
+    total = plane.new_zeros(())
     for place_y, weight_y in along_y:
         for place_x, weight_x in along_x:
             grid = np.stack([place_x * (2 / (width - 1)) - 1, place_y * (2 / (height - 1)) - 1], -1)
             places = torch.from_numpy(grid).to(plane).expand(len(plane), -1, -1, -1)
             # A bilinear sample at the right point between two taps holds both: half as many along each axis.
             tap = functional.grid_sample(plane, places, "bilinear", "border", align_corners=True)
-            seen = seen + tap * torch.from_numpy(weight_x * weight_y).to(plane)
-    return seen
+            total = total + tap * torch.from_numpy(weight_x * weight_y).to(plane)
+    return total
 
 
 def _pairs(position: Floats, kind: type[np.floating[Any]]) -> _Pairs:
@@ -144,9 +144,9 @@ def _pairs(position: Floats, kind: type[np.floating[Any]]) -> _Pairs:
     weights = _spline((position - first).astype(kind))
     first = first.astype(kind)
     pairs: _Pairs = []
-    for place in range(0, _TAPS, 2):
-        both = weights[place] + weights[place + 1]
-        pairs.append((first + (weights[place + 1] / both + (place - 2)), both))
+    for tap in range(0, _TAPS, 2):
+        both = weights[tap] + weights[tap + 1]
+        pairs.append((first + (weights[tap + 1] / both + (tap - 2)), both))
     return pairs
 
 

@@ -55,16 +55,16 @@ def exposed(light: Tensor, moves: Displacement, border: Border) -> Tensor:
     """
     (starts, stops), (time, (x_px, y_px)) = moves.readout.windows_s, moves.track
     across, down = np.abs(x_px).max() > STILL_PX, np.abs(y_px).max() > STILL_PX
-    seen, parts = light, moves.parts
+    mean, parts = light, moves.parts
     for part in range(parts):
         lasting = (stops - starts) / parts
-        own, windows_s = light, (starts + part * lasting, starts + (part + 1) * lasting)
+        part_light, windows_s = light, (starts + part * lasting, starts + (part + 1) * lasting)
         if down:
-            own = mixed(own, *_window_taps(time, y_px, windows_s), border)
+            part_light = mixed(part_light, *_window_taps(time, y_px, windows_s), border)
         if across:
-            own = _rows_blurred(own, time, x_px, windows_s, border)
-        seen = seen + own if part else own
-    return seen / parts if parts > 1 else seen
+            part_light = _rows_blurred(part_light, time, x_px, windows_s, border)
+        mean = mean + part_light if part else part_light
+    return mean / parts if parts > 1 else mean
 
 
 def rolled(light: Tensor, moves: Displacement, border: Border) -> Tensor:
@@ -127,10 +127,10 @@ def _at_once(
     phases = _row_phases(shift_px.numpy(), wide, wave) / wave(wide)
     bands = _bands(taps[0].numpy(), taps[1].numpy(), kind)
 
-    def see(place: int) -> None:
+    def see(index: int) -> None:
         plane, waves = np.empty((high, wide), kind), np.empty((high, wide + 2), kind)
-        seen = np.empty((height, wide + 2), kind)
-        continued(sources[place], plane, before, border)
+        resampled = np.empty((height, wide + 2), kind)
+        continued(sources[index], plane, before, border)
         cv2.dft(_closed(plane), waves[:, 1:-1], cv2.DFT_ROWS)
         # From OpenCV's packing to complex numbers in place, with no copy of the plane.
         waves[:, 0] = waves[:, 1]
@@ -141,12 +141,12 @@ def _at_once(
         spectra = ifft(spectra, axis=0, overwrite_x=True).view(kind)
         for rows, needed, band in bands:
             # A row of the picture is a mean of twelve rows of the blurred one, and so are their spectra.
-            np.matmul(band, spectra[needed], out=seen[rows])
-        moved = seen.view(wave)
+            np.matmul(band, spectra[needed], out=resampled[rows])
+        moved = resampled.view(wave)
         np.multiply(moved, phases, out=moved)
-        seen[:, 1] = seen[:, 0]
-        cv2.dft(seen[:, 1:-1], plane[:height], cv2.DFT_ROWS | cv2.DFT_INVERSE)
-        targets[place] = plane[:height, before[1] : before[1] + width]
+        resampled[:, 1] = resampled[:, 0]
+        cv2.dft(resampled[:, 1:-1], plane[:height], cv2.DFT_ROWS | cv2.DFT_INVERSE)
+        targets[index] = plane[:height, before[1] : before[1] + width]
 
     side_by_side(see, range(len(targets)), threads_for(light))
     return out
@@ -197,8 +197,8 @@ def times(light: Tensor, factors: Tensor | NDArray[Any], margin: int, length: in
     strip = max(1, _STRIP // length)
 
     def move(at: tuple[int, int]) -> None:
-        place, top = at
-        source, target = sources[place, top : top + strip], targets[place, top : top + strip]
+        index, top = at
+        source, target = sources[index, top : top + strip], targets[index, top : top + strip]
         plane, spectrum = np.empty((2, len(source), length), factors.dtype)
         continued(source, plane, (0, margin), border)
         cv2.dft(_closed(plane), spectrum, cv2.DFT_ROWS)
@@ -206,7 +206,7 @@ def times(light: Tensor, factors: Tensor | NDArray[Any], margin: int, length: in
         cv2.dft(spectrum, plane, cv2.DFT_ROWS | cv2.DFT_INVERSE)
         target[:] = plane[:, margin : margin + width]
 
-    jobs = [(place, top) for place in range(len(sources)) for top in range(0, height, strip)]
+    jobs = [(index, top) for index in range(len(sources)) for top in range(0, height, strip)]
     side_by_side(move, jobs, threads_for(light))
     return out
 
@@ -277,8 +277,9 @@ def _window_taps(time: Floats, y_px: Floats, windows_s: tuple[Floats, Floats]) -
     count = max(_LEAST_SAMPLES, math.ceil(_SAMPLES_PER_PX * min(longest, _LONGEST_PX)))
     at = starts[:, None] + (stops - starts)[:, None] * (np.arange(count) + 0.5) / count
     # In whole steps of 1/4096 px, whose taps are in a table: rounding moves a row by 1e-4 px at most.
-    seen = np.rint(-_PHASES * np.interp(at, time, y_px)).astype(np.int64)  # at row i is what was at i + seen
-    whole, phase = np.divmod(seen, _PHASES)
+    # Row i shows what was at i + position / _PHASES.
+    position = np.rint(-_PHASES * np.interp(at, time, y_px)).astype(np.int64)
+    whole, phase = np.divmod(position, _PHASES)
     first = whole.min(1)
     height, width = len(first), int((whole.max(1) - first).max()) + 2 * LOBES
     begins = whole - first[:, None] + width * np.arange(height)[:, None]
@@ -317,11 +318,11 @@ def mixed(light: Tensor, first: Tensor, weights: Tensor, border: Border) -> Tens
     targets = out.flatten(0, 1).numpy()
 
     def mix(at: tuple[int, Band]) -> None:  # a few rows at a time: a band of weights and the rows it needs
-        place, (rows, needed, band) = at
-        np.matmul(band, sources[place][needed], out=targets[place][rows])
+        index, (rows, needed, band) = at
+        np.matmul(band, sources[index][needed], out=targets[index][rows])
 
     bands = _bands(first.numpy() + before, weights.numpy(), sources.dtype)
-    side_by_side(mix, [(place, band) for place in range(len(targets)) for band in bands], threads_for(light))
+    side_by_side(mix, [(index, band) for index in range(len(targets)) for band in bands], threads_for(light))
     return out
 
 

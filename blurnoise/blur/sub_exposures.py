@@ -235,8 +235,8 @@ def _by_opencv(plane: MovingPlane, window: Window, factor: int, *, covers: bool)
     def sample(at: Tensor) -> Tensor:
         x, y = at.numpy()
         border = OPENCV[plane.border]
-        seen = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=border, borderValue=0)
-        return torch.from_numpy(seen.reshape(*x.shape, -1)).permute(2, 0, 1)
+        values_at = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=border, borderValue=0)
+        return torch.from_numpy(values_at.reshape(*x.shape, -1)).permute(2, 0, 1)
 
     return sample
 
@@ -251,8 +251,8 @@ def _by_torch(plane: MovingPlane, window: Window, factor: int, *, covers: bool) 
 
     def sample(at: Tensor) -> Tensor:
         x, y = (
-            (place.clamp(-2, inside + 1) if border == "constant" else folded(place, inside, border)) + 2
-            for place, inside in ((at[0], width - 4), (at[1], height - 4))
+            (position.clamp(-2, inside + 1) if border == "constant" else folded(position, inside, border)) + 2
+            for position, inside in ((at[0], width - 4), (at[1], height - 4))
         )
         grid = torch.stack([2 * x / (width - 1) - 1, 2 * y / (height - 1) - 1], -1)
         return functional.grid_sample(values, grid[None], "bilinear", "border", align_corners=True)[0]
@@ -289,7 +289,7 @@ def _times(length_px: float, spacing_px: float) -> list[float]:
     count = 1 + max(1, math.ceil(length_px / spacing_px - 1e-6))
     # Even times k / count have the variance (1 - 1/count^2) / 12 of their span: too little, hence wider.
     spread = 1 / math.sqrt(count * count - 1)
-    return [(place + 0.5 - count / 2) * spread for place in range(count)]
+    return [(index + 0.5 - count / 2) * spread for index in range(count)]
 
 
 def _shortened(along: Tensor, count: int) -> Tensor:
@@ -297,10 +297,10 @@ def _shortened(along: Tensor, count: int) -> Tensor:
     if count < 2:
         return along
     table = torch.from_numpy(_paths(count)).to(along)
-    place = (along.abs() * _STEPS).clamp_max(len(table) - 1.001)
-    before = place.detach().long()
+    position = (along.abs() * _STEPS).clamp_max(len(table) - 1.001)
+    before = position.detach().long()
     low = table[before]
-    short = low + (place - before) * (table[before + 1] - low)
+    short = low + (position - before) * (table[before + 1] - low)
     return torch.copysign(short + (along.abs() - _LONGEST).clamp_min(0), along)
 
 
@@ -327,13 +327,13 @@ def _finer(
     (height, width), channels = planes.shape[1:], into.shape[2]
     pixels = into.view(np.dtype((np.void, 4 * channels)))[..., 0]
     inside = slice(_MARGIN, -_MARGIN)
-    wide, across, found = np.empty((3, height, width, channels), np.float32)
+    wide, across, down = np.empty((3, height, width, channels), np.float32)
     cv2.merge([*planes, *[planes[0]] * (channels - len(planes))], wide)
     for column in range(factor):
         cv2.filter2D(wide, -1, _kernel(column / factor, lossy[0])[None], across)
         for row in range(factor):
-            cv2.filter2D(across, -1, _kernel(row / factor, lossy[1])[:, None], found)
-            pixels[row::factor, column::factor] = found.view(pixels.dtype)[inside, inside, 0]
+            cv2.filter2D(across, -1, _kernel(row / factor, lossy[1])[:, None], down)
+            pixels[row::factor, column::factor] = down.view(pixels.dtype)[inside, inside, 0]
 
 
 @lru_cache(maxsize=8)

@@ -113,18 +113,18 @@ class Distortion:
         if float(wanted.max(initial=0.0)) > reached[-1] + slack:
             ends = f"{reached[-1]:.4g} focal lengths from the centre, where it folds or ends"
             raise ValueError(f"images nothing beyond {ends}; the picture reaches {wanted.max():.4g}")
-        found = image * np.where(wanted > 1e-6, np.interp(wanted, reached, r) / np.maximum(wanted, 1e-6), 1.0)
+        rays = image * np.where(wanted > 1e-6, np.interp(wanted, reached, r) / np.maximum(wanted, 1e-6), 1.0)
         for _ in range(3 if slack else 1):
-            off_x, off_y = image - self.distorted(found)
-            (ux, uy), (vx, vy) = self._slopes(found, _STEP, 0.0), self._slopes(found, 0.0, _STEP)
+            off_x, off_y = image - self.distorted(rays)
+            (ux, uy), (vx, vy) = self._slopes(rays, _STEP, 0.0), self._slopes(rays, 0.0, _STEP)
             area = ux * vy - vx * uy
             # Where the slope vanishes, at the fold, Newton's step would lead away: none is made.
             area = np.where(np.abs(area) > 1e-9, area, np.inf)
-            found = found + np.stack([off_x * vy - off_y * vx, off_y * ux - off_x * uy]) / area
-        miss = float(np.hypot(*(self.distorted(found) - image)).max(initial=0.0))
+            rays = rays + np.stack([off_x * vy - off_y * vx, off_y * ux - off_x * uy]) / area
+        miss = float(np.hypot(*(self.distorted(rays) - image)).max(initial=0.0))
         if not miss < 1e-6:  # NaN included
             raise ValueError(f"cannot be inverted over the picture; misses by {miss:.2g} focal lengths")
-        return found
+        return rays
 
     def before_fold(self, rays: Floats) -> Floats:
         """Directions, with those beyond the model's fold moved in to the fold."""

@@ -266,23 +266,23 @@ class Sensor:
         at_0_db = self.at_0_db
         base = ConversionGain(0.0, self.full_well_e, self.read_noise_e, self.read_noise_post_share)
         switched = [row for row in (base, *self.conversion_gains) if row.from_db <= analogue_db][-1]
-        found = gain.by_law(at_0_db, switched, analogue_db)
+        at_gain = gain.by_law(at_0_db, switched, analogue_db)
         if self.gains:
-            found = gain.measured(at_0_db, self.gains, analogue_db)
+            at_gain = gain.measured(at_0_db, self.gains, analogue_db)
         # Rows and columns are read through the same amplifier as the pixels, so their noise follows read noise.
-        quieter = found.read_noise_e / at_0_db.read_noise_e if at_0_db.read_noise_e else 1.0
+        quieter = at_gain.read_noise_e / at_0_db.read_noise_e if at_0_db.read_noise_e else 1.0
         amplified = replace(
             self,
-            system_gain_dn_per_e=found.system_gain_dn_per_e,
+            system_gain_dn_per_e=at_gain.system_gain_dn_per_e,
             full_well_e=switched.full_well_e,
-            read_noise_e=found.read_noise_e,
-            black_level_dn=found.black_level_dn,
+            read_noise_e=at_gain.read_noise_e,
+            black_level_dn=at_gain.black_level_dn,
             row_noise_e=self.row_noise_e * quieter,
             column_noise_e=self.column_noise_e * quieter,
             read_noise_post_share=0.0,
             analogue_gain_max_db=0.0,
             conversion_gains=(),
-            gains=(replace(found, gain_db=0.0),) if self.gains else (),
+            gains=(replace(at_gain, gain_db=0.0),) if self.gains else (),
         )
         if self.photon_transfer:  # the bend is the pixel's, so it stays at the same charge
             more = self.saturation_e / amplified.saturation_e

@@ -148,10 +148,10 @@ class Mtf:
     def at(self, f: Tensor) -> Tensor:
         """Its values at radial frequencies f >= 0, cycles/px, of any shape."""
         known, values = f.new_tensor(self.frequencies), f.new_tensor(self.values)
-        place = torch.searchsorted(known, f.contiguous(), right=True).clamp(1, len(known) - 1)
-        before, after = known[place - 1], known[place]
+        index = torch.searchsorted(known, f.contiguous(), right=True).clamp(1, len(known) - 1)
+        before, after = known[index - 1], known[index]
         share = ((f - before) / (after - before)).clamp(0, 1)
-        return torch.lerp(values[place - 1], values[place], share)
+        return torch.lerp(values[index - 1], values[index], share)
 
     @property
     def lost(self) -> float:

@@ -78,10 +78,10 @@ class LensDistortion(_OverTheField):
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
         size = _size(light)
         x, y = lens.sources(at.camera.field, size)
-        seen = resampling.sampled(light, x, y, border)
+        sampled = resampling.sampled(light, x, y, border)
         # Beyond what the scene shows there is no light, whatever the border: a mirrored sign would have no label.
         inside = lens.inside(at.camera.field, size)
-        return seen if inside is None else seen * torch.from_numpy(inside).to(seen)
+        return sampled if inside is None else sampled * torch.from_numpy(inside).to(sampled)
 
     def apply_to_layer(self, layer: Layer, like: Tensor, at: Resolved[Tensor], border: Border) -> Layer:
         """The layer as the lens shows it, in a window as large as the picture."""
@@ -116,17 +116,19 @@ class LateralColour(_OverTheField):
         return not camera.lens.lateral_red and not camera.lens.lateral_blue
 
     def bound(self, at: Resolved[float]) -> float:
-        own = at.camera.lens
-        return _displaced(max(abs(own.lateral_red), abs(own.lateral_blue)) * at.camera.field.corner_px)
+        of_lens = at.camera.lens
+        return _displaced(
+            max(abs(of_lens.lateral_red), abs(of_lens.lateral_blue)) * at.camera.field.corner_px
+        )
 
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
         if light.shape[1] != 3:  # grey light has no colours to separate
             return light
         field, planes = at.camera.field, list(torch.split(light, 1, 1))
-        for place, share in ((0, field.lateral_red), (2, field.lateral_blue)):
+        for channel, share in ((0, field.lateral_red), (2, field.lateral_blue)):
             if share:
                 x, y = lens.larger(field, share, _size(light))
-                planes[place] = resampling.sampled(planes[place], x, y, border)
+                planes[channel] = resampling.sampled(planes[channel], x, y, border)
         return torch.cat(planes, 1)
 
     def how(self, at: Resolved[float]) -> str:

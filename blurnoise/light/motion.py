@@ -101,17 +101,17 @@ def exposed(
     [0.0, 0.3, 1.0]
     """
     size = (light.shape[-2], light.shape[-1])
-    seen = []
-    for picture, own, moves in zip(torch.split(light, 1), objects, displacements(at, size), strict=True):
-        picture = layers.exposed(picture, own, moves, border)
+    pictures = []
+    for picture, some, moves in zip(torch.split(light, 1), objects, displacements(at, size), strict=True):
+        picture = layers.exposed(picture, some, moves, border)
         # With global reset, rows that are read later are exposed longer, and brighter.
         if moves.readout.reset:
             light_of_rows = torch.from_numpy(moves.readout.light)
             if differentiable(moves.exposure_s):
                 light_of_rows = 1 + (light_of_rows - 1) * moves.readout.exposure_s / moves.exposure_s
             picture = picture * light_of_rows.to(picture)[:, None]
-        seen.append(picture)
-    return seen[0] if len(seen) == 1 else torch.cat(seen)
+        pictures.append(picture)
+    return pictures[0] if len(pictures) == 1 else torch.cat(pictures)
 
 
 class _Motion(LightEffect):
@@ -153,13 +153,13 @@ class Objects(_Motion):
         return exposed(light, at, at.layers, border)
 
     def how(self, at: Resolved[float]) -> str:
-        found = _objects(at)
-        if not found:
+        moving = _objects(at)
+        if not moving:
             return "none here"
-        longest = max(math.hypot(*each.displacement_px) for each in found)
-        apart = any(any(each.displacement_px) for each in found) and any(at.displacement_px)
-        way = f"parts of {SPACING_PX:g} px" if apart or len(found) > 1 else "matte formula"
-        return f"{len(found)} in layers, up to {longest:.3g} px: {way}, in their windows"
+        longest = max(math.hypot(*each.displacement_px) for each in moving)
+        apart = any(any(each.displacement_px) for each in moving) and any(at.displacement_px)
+        way = f"parts of {SPACING_PX:g} px" if apart or len(moving) > 1 else "matte formula"
+        return f"{len(moving)} in layers, up to {longest:.3g} px: {way}, in their windows"
 
     def key(self, at: Resolved[float]) -> Hashable:
         return at.objects

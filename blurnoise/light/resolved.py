@@ -229,9 +229,9 @@ def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:
     >>> middle_of(torch.tensor([[[[1.0, 3.0]], [[0.0, 0.0]]]]))
     (tensor([[2., 0.]]), tensor([1.]))
     """
-    seen = flow_px.detach()
-    middle = (seen.amax((2, 3)) + seen.amin((2, 3))) / 2
-    return middle, (seen - middle[:, :, None, None]).square().sum(1).amax((1, 2)).sqrt()
+    flow = flow_px.detach()
+    middle = (flow.amax((2, 3)) + flow.amin((2, 3))) / 2
+    return middle, (flow - middle[:, :, None, None]).square().sum(1).amax((1, 2)).sqrt()
 
 
 def _farthest(shift: Shift, item: int) -> Shift:

@@ -262,9 +262,9 @@ def _draws(
 
 def _at(frequency: Tensor, power: Tensor, wanted: Tensor) -> Tensor:
     """``power`` (n, F) at ``frequency`` (F,), from 0, interpolated at ``wanted`` (K,), either sign: (n, K)."""
-    place = wanted.abs()
-    right = torch.searchsorted(frequency, place).clamp(1, len(frequency) - 1)
-    share = (place - frequency[right - 1]) / (frequency[right] - frequency[right - 1])
+    magnitude = wanted.abs()
+    right = torch.searchsorted(frequency, magnitude).clamp(1, len(frequency) - 1)
+    share = (magnitude - frequency[right - 1]) / (frequency[right] - frequency[right - 1])
     return torch.lerp(power[:, right - 1], power[:, right], share)
 
 

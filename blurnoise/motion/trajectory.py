@@ -308,13 +308,13 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
     steps = (drawn.standard_normal((count, 2)) @ (1, 1j)) * noise
     jerked = drawn.uniform(size=count) < jerks * _ANXIETY
     turns = np.exp(1j * (math.pi + drawn.uniform(size=count) - 0.5))
-    path, place = [0j], 0j
+    path, position = [0j], 0j
     for random, jerk, turn in zip(steps.tolist(), jerked.tolist(), turns.tolist(), strict=True):
-        velocity += _ANXIETY * (random - pull * place) * speed + (2 * velocity * turn if jerk else 0)
+        velocity += _ANXIETY * (random - pull * position) * speed + (2 * velocity * turn if jerk else 0)
         # The speed stays the same, only its direction changes: so the exposure is spread evenly over the path.
         velocity *= speed / abs(velocity)
-        place += velocity
-        path.append(place)
+        position += velocity
+        path.append(position)
     places = np.stack([np.real(path), np.imag(path)])
     time = np.linspace(-duration / 2, duration / 2, count + 1)
     knots, _ = Trajectory.of(time, places).window(-exposure / 2, exposure / 2)

@@ -113,10 +113,10 @@ def in_channels(picture: Tensor, channels: int) -> Tensor:
     >>> in_channels(torch.full((1, 1, 2, 2), 0.5), 3).shape
     torch.Size([1, 3, 2, 2])
     """
-    found = picture.shape[1]
-    if found == channels:
+    own_channels = picture.shape[1]
+    if own_channels == channels:
         return picture
-    if found == 1:
+    if own_channels == 1:
         return picture.expand(-1, channels, -1, -1)
     # The weighted sum of the values as they are, coded or linear, as pictures are turned grey everywhere.
     weights = torch.tensor(LUMINANCE, device=picture.device)
@@ -208,8 +208,8 @@ def _in_16_bits(dn: Tensor, at: Development, first: tuple[PictureStep, ...], tab
     frames = dn.detach().reshape(batch, height, width).numpy()
     out = torch.empty((batch, height, width, 3), dtype=getattr(torch, table.dtype.name))
 
-    def frame(place: int) -> None:
-        numbers = np.subtract(frames[place], camera.sensor.black_level_dn, dtype=np.float32)
+    def frame(index: int) -> None:
+        numbers = np.subtract(frames[index], camera.sensor.black_level_dn, dtype=np.float32)
         np.clip(
             numbers,
             -camera.sensor.black_level_dn,
@@ -224,7 +224,7 @@ def _in_16_bits(dn: Tensor, at: Development, first: tuple[PictureStep, ...], tab
         colours = by_opencv(codes, camera.sensor.cfa, camera.isp.demosaic)
         if coloured:
             colours = cv2.transform(colours, rows)
-        look_up_codes(table, colours, out[place].numpy())
+        look_up_codes(table, colours, out[index].numpy())
 
     side_by_side(frame, range(batch), torch.get_num_threads())
     return out.permute(0, 3, 1, 2)

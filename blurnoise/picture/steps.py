@@ -133,18 +133,18 @@ def _compressed(picture: Tensor, at: Development) -> Tensor:
     quality = at.camera.isp.jpeg_quality
     codes = (picture.detach() * 255).round().clamp(0, 255).to(torch.uint8).cpu().numpy()
     each = codes.reshape(-1, *codes.shape[-3 if codes.shape[-3] == 3 else -2 :])
-    seen = np.stack([_round_trip(image, quality) for image in each]).reshape(codes.shape)
+    decoded = np.stack([_round_trip(image, quality) for image in each]).reshape(codes.shape)
     # Back from 8 bits: a JPEG file holds no more.
-    found = torch.from_numpy(seen).to(picture) / 255
-    return picture + (found - picture).detach() if picture.requires_grad else found
+    compressed = torch.from_numpy(decoded).to(picture) / 255
+    return picture + (compressed - picture).detach() if picture.requires_grad else compressed
 
 
 def _round_trip(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
     """Encode and decode (3, H, W) or (H, W), 8 bits."""
     given = np.ascontiguousarray(image.transpose(1, 2, 0)[..., ::-1]) if image.ndim == 3 else image
     _, file = cv2.imencode(".jpg", given, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    seen: Any = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)
-    back: NDArray[np.uint8] = seen[..., ::-1].transpose(2, 0, 1) if image.ndim == 3 else seen
+    decoded: Any = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)
+    back: NDArray[np.uint8] = decoded[..., ::-1].transpose(2, 0, 1) if image.ndim == 3 else decoded
     return back
 
 
@@ -267,9 +267,9 @@ def demosaic(plane: Tensor, cfa: str, method: Literal["bilinear", "edge"]) -> Te
     # OpenCV takes integers: black lies at OFFSET, so that noise below it is not cut before the tone curve.
     with torch.no_grad():
         codes = (plane * SCALE + OFFSET).round().clamp(0, 65535).cpu().numpy().astype(np.uint16)
-        found = np.stack([by_opencv(padded(picture[0]), cfa, method) for picture in codes])
-        seen = torch.from_numpy(found.astype(np.float32)).permute(0, 3, 1, 2)
-        edge = (seen.to(plane) - OFFSET) / SCALE
+        colours = np.stack([by_opencv(padded(picture[0]), cfa, method) for picture in codes])
+        channels = torch.from_numpy(colours.astype(np.float32)).permute(0, 3, 1, 2)
+        edge = (channels.to(plane) - OFFSET) / SCALE
     if not (plane.requires_grad and torch.is_grad_enabled()):
         return edge
     smooth = _bilinear(plane, cfa)
@@ -312,8 +312,8 @@ def by_opencv(raw: NDArray[np.uint16], cfa: str, method: str) -> NDArray[np.uint
 
 def _bilinear(plane: Tensor, cfa: str) -> Tensor:
     sites = plane.new_zeros((3, 1, 2, 2))
-    for place, letter in enumerate(cfa):
-        sites["RGB".index(letter.replace("C", "G")), 0, place // 2, place % 2] = 1.0
+    for site, letter in enumerate(cfa):
+        sites["RGB".index(letter.replace("C", "G")), 0, site // 2, site % 2] = 1.0
     height, width = plane.shape[-2:]
     here = sites.repeat(1, 1, (height + 1) // 2, (width + 1) // 2)[None, :, 0, :height, :width]
     # Weights of the mean of the nearest pixels: green has four neighbours, red and blue two or, diagonally, four.

@@ -118,15 +118,15 @@ def _layer(light: Tensor, lamps: BeamPlanes, matte: Matte, velocity_px_s: Iterab
     whole = (matte >= 1).astype(np.uint8)  # an object that the picture's border cuts goes on beyond it
     inside = cv2.erode(whole, kernel, borderType=cv2.BORDER_REPLICATE)[box] > 0
 
-    def own(plane: Tensor) -> Tensor:
+    def part_of(plane: Tensor) -> Tensor:
         """The part of a picture (1, C, H, W), without what its edge shows of the background."""
         part = plane[..., box[0], box[1]]
         return filled(part, ~inside & (alpha > 0))[0] if inside.any() else part[0]
 
-    by_beam = {beam: own(plane) for beam, plane in lamps.items()}
+    by_beam = {beam: part_of(plane) for beam, plane in lamps.items()}
     place = (int(columns[0]), int(rows[0]))
     covers = torch.from_numpy(np.ascontiguousarray(alpha)).to(light)
-    return Layer(own(light), covers, velocity_px_s, place, headlamp_lux=by_beam)
+    return Layer(part_of(light), covers, velocity_px_s, place, headlamp_lux=by_beam)
 
 
 def filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
@@ -142,11 +142,11 @@ def filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
     rows, columns = np.flatnonzero(hole.any(1)), np.flatnonzero(hole.any(0))
     box = tuple(slice(max(0, each[0] - AROUND_PX), each[-1] + 1 + AROUND_PX) for each in (rows, columns))
     missing = hole[box]
-    seen = light.detach()[0][:, box[0], box[1]].permute(1, 2, 0).cpu().numpy().astype(np.float32)
-    found = torch.from_numpy(_from_around(seen, ~missing)).permute(2, 0, 1).to(light)
+    visible = light.detach()[0][:, box[0], box[1]].permute(1, 2, 0).cpu().numpy().astype(np.float32)
+    fill = torch.from_numpy(_from_around(visible, ~missing)).permute(2, 0, 1).to(light)
     out = light.clone()
     part = out[0][:, box[0], box[1]]
-    part[:] = torch.where(torch.from_numpy(missing).to(light.device), found, part.clone())
+    part[:] = torch.where(torch.from_numpy(missing).to(light.device), fill, part.clone())
     return out
 
 
@@ -221,5 +221,5 @@ def in_motion(
     # Objects are one where their paths may meet: within the reach of the blur, tails included.
     near = cv2.dilate(covered, np.ones((2 * down + 1, 2 * across + 1), np.uint8))
     count, parts = cv2.connectedComponents(near)
-    own = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]
-    return cut_out(light, own, [velocity_px_s] * len(own), headlamp_lux=headlamp_lux)
+    mattes = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]
+    return cut_out(light, mattes, [velocity_px_s] * len(mattes), headlamp_lux=headlamp_lux)

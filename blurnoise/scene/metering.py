@@ -61,14 +61,14 @@ class GreyAnchor:
         Raises ``ValueError`` if the region lies outside the picture or the anchor is black.
         """
         channels, height, width = picture.shape
-        seen = picture.detach().cpu().numpy().astype(float)
+        values = picture.detach().cpu().numpy().astype(float)
         if self.region_px is not None:
             x0, y0, x1, y1 = self.region_px
             if x1 > width or y1 > height:
                 raise ValueError(f"grey_anchor = {self}: lies outside the picture of {width} x {height} px")
-            seen = seen[:, y0:y1, x0:x1]
+            values = values[:, y0:y1, x0:x1]
         weights = LUMINANCE if channels == 3 else (1 / channels,) * channels
-        light = np.tensordot(np.array(weights), seen, 1)
+        light = np.tensordot(np.array(weights), values, 1)
         grey = float(light.mean() if self.percentile is None else np.percentile(light, self.percentile))
         if grey <= 0 or not math.isfinite(GREY / grey):
             raise ValueError(f"grey_anchor = {self}: is black in this picture; must be brighter than black")
@@ -207,10 +207,10 @@ def brightness(camera: Camera, gain_db: float) -> float:
     """
     if not camera.sensor.gains:
         return float(10 ** (gain_db / 20))
-    own, analogue_db = camera.sensor.at_0_db, min(gain_db, camera.sensor.analogue_gain_max_db)
-    found = gain.measured(own, camera.sensor.gains, analogue_db)
-    ranges = [camera.sensor.full_scale_dn - row.black_level_dn for row in (own, found)]
-    more = found.system_gain_dn_per_e / own.system_gain_dn_per_e * ranges[0] / ranges[1]
+    at_0_db, analogue_db = camera.sensor.at_0_db, min(gain_db, camera.sensor.analogue_gain_max_db)
+    at_gain = gain.measured(at_0_db, camera.sensor.gains, analogue_db)
+    ranges = [camera.sensor.full_scale_dn - row.black_level_dn for row in (at_0_db, at_gain)]
+    more = at_gain.system_gain_dn_per_e / at_0_db.system_gain_dn_per_e * ranges[0] / ranges[1]
     return float(more * 10 ** ((gain_db - analogue_db) / 20))
 
 

@@ -144,8 +144,8 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
         every = slice(None)
         in_pieces = plain(scene) and not with_gradients
         dn = (_in_pieces if in_pieces else _through)(active, scene, drawn(every, every))
-        found = dn if options.tones is None else look_up(options.tones, dn)
-        return found if with_gradients or options.out is None else options.out.copy_(found)
+        values = dn if options.tones is None else look_up(options.tones, dn)
+        return values if with_gradients or options.out is None else options.out.copy_(values)
 
     out = options.out
     if out is None:

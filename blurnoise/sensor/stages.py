@@ -396,10 +396,10 @@ def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
     shares, factors = np.array(camera.sensor.photon_transfer).T
     slopes = np.diff(factors) / np.diff(shares)
     share = charge_e / camera.sensor.saturation_e
-    found = torch.full_like(share, factors[0])
-    for place, change in zip(shares.tolist(), np.diff(slopes, prepend=0.0, append=0.0).tolist(), strict=True):
-        found = found + change * (share - place).clamp(min=0.0)  # straight lines, level beyond the ends
-    return found.clamp(min=1e-6)  # for the derivative of its root
+    factor = torch.full_like(share, factors[0])
+    for point, change in zip(shares.tolist(), np.diff(slopes, prepend=0.0, append=0.0).tolist(), strict=True):
+        factor = factor + change * (share - point).clamp(min=0.0)  # straight lines, level beyond the ends
+    return factor.clamp(min=1e-6)  # for the derivative of its root
 
 
 def offsets_e(at: ReadoutFields) -> Tensor | None:

@@ -31,6 +31,13 @@ def expose(
     (:data:`blurnoise_eval.AXES`) and in their units, such as ``exposure_s=0.01, illuminance_lux=50.0,
     gain_db="auto"``; what is left out is the camera's own, and without motion. Raises ``ValueError`` that names the
     condition.
+
+    >>> import numpy as np
+    >>> from blurnoise_eval import expose
+    >>> grey = np.full((24, 32, 3), 118, np.uint8)  # 18 % reflectance
+    >>> frame = expose(grey, "imx250", exposure_s=0.005, illuminance_lux=50.0, gain_db="auto")
+    >>> frame.image.shape, 110 < float(frame.image.mean()) < 125  # as bright as it was
+    ((24, 32, 3), True)
     """
     stated = {name: axis(name).checked((value,))[0] for name, value in conditions.items()}
     cell = Cell("exposed", 0, Conditions(**stated), seed)

@@ -137,7 +137,7 @@ def two_humps(shape: Shape) -> Tensor:
     """Whether the line spread, averaged over an eighth of the reach, dips between two humps, (B,)."""
     apart = round(0.75 / KNOT_PX)  # from a hump to the dip, at least: closer ones are the ringing of a filter
     knots = torch.eye(shape.spline.coefficients.shape[1], dtype=torch.float64)
-    found = torch.zeros_like(shape.sides.structured)
+    dipping = torch.zeros_like(shape.sides.structured)
     widths = (shape.sides.reach_px / 8 / KNOT_PX).round().long().clamp_min(2)
     for width in set(widths.tolist()):
         rises = knots[:, width:] - knots[:, :-width]
@@ -147,8 +147,8 @@ def two_humps(shape: Shape) -> Tensor:
         places = (shape.free.sum(1) / width) ** 3  # two humps and what lies between them
         certain = shape.certain(places)[:, None] * math.sqrt(2) * error[:, apart:-apart]
         dips = hump - line[:, apart:-apart] > torch.maximum(certain, DIP * hump)
-        found |= (widths == width) & (dips & (hump > 0.1 * line.amax(1, keepdim=True))).any(1)
-    return found
+        dipping |= (widths == width) & (dips & (hump > 0.1 * line.amax(1, keepdim=True))).any(1)
+    return dipping
 
 
 def negative(shape: Shape) -> Tensor:
@@ -161,14 +161,14 @@ def negative(shape: Shape) -> Tensor:
     count = coefficients.shape[1]
     knot = torch.arange(count) - count // 2
     pixel = cosine(shape.position_px).float()[:, None, None]
-    place = (torch.arange(count + 8) - count // 2 - 4)[:, None] * pixel  # knots; a pixel is 4 of them
-    away = (place - knot).abs()
+    position = (torch.arange(count + 8) - count // 2 - 4)[:, None] * pixel  # knots; a pixel is 4 of them
+    away = (position - knot).abs()
     spline = torch.where(away < 1, 2 / 3 - away * away * (1 - away / 2), (2 - away).clamp_min(0) ** 3 / 6)
-    beyond = (1 - spline.sum(2)) * (place[..., 0] > 0)  # beyond the last knot the edge is 1
+    beyond = (1 - spline.sum(2)) * (position[..., 0] > 0)  # beyond the last knot the edge is 1
     by_quarter = _rises(count + 8)
     rises = by_quarter @ spline
-    found = (rises @ coefficients[..., None])[..., 0] + beyond @ by_quarter.T
-    return shape.exceed(-found, shape.error(rises.mT), NEGATIVE)
+    light = (rises @ coefficients[..., None])[..., 0] + beyond @ by_quarter.T
+    return shape.exceed(-light, shape.error(rises.mT), NEGATIVE)
 
 
 @cache
@@ -176,8 +176,8 @@ def _rises(count: int) -> Tensor:
     """Matrix (n, count) from an edge at quarters of a pixel to the rises of P between adjacent half pixels."""
     one = torch.eye(count)
     curved = 2 * (one[4:] - 2 * one[2:-2] + one[:-4])
-    place = torch.arange(len(curved))
-    after = place[:, None] - place
+    index = torch.arange(len(curved))
+    after = index[:, None] - index
     aligned = (after % 4 == 0).float()
     return torch.cat([(aligned * (after >= 0)) @ curved, -(aligned * (after < 0)) @ curved])
 
@@ -198,11 +198,11 @@ def displaced(shape: Shape, mtf50: Tensor) -> Tensor:
     """
     (off, pull), by_row = shape.spline.off, shape.spline.pixels.by_row
     curvature = by_row(pull * pull).clamp_min(1e-12)
-    place = by_row(pull * off) / curvature  # of each row, from its misfit projected on the edge's slope
+    shift_px = by_row(pull * off) / curvature  # of each row, from its misfit projected on the edge's slope
     expected = by_row(pull * pull * shape.noise) / curvature**2
     # The median over rows is robust against a hot pixel, which moves one row.
-    ratio = (place**2 / expected.clamp_min(1e-18)).median(1).values / CHI_SQUARE_MEDIAN
-    sure = ratio - 1 > 5 * MEDIAN_ERROR * math.sqrt(2 / place.shape[1])
+    ratio = (shift_px**2 / expected.clamp_min(1e-18)).median(1).values / CHI_SQUARE_MEDIAN
+    sure = ratio - 1 > 5 * MEDIAN_ERROR * math.sqrt(2 / shift_px.shape[1])
     excess = ((ratio - 1) * expected.mean(1)).clamp_min(0)
     return sure & (_cost_of_places(excess, mtf50.nan_to_num(0, 0, 0)) > DISPLACED)
 
@@ -242,8 +242,8 @@ def quieter(sides: Sides) -> Tensor:
     error = 1.25 * torch.sqrt((2 / sides.count.sum(1)).sum(1))  # of the ratio's logarithm
     # Correlated noise was filtered or compressed, so it no longer depends on light as shot noise does.
     noisy = (of_dark > NOISELESS * sides.step**2) & (sides.block == 1)
-    found: Tensor = noisy & (torch.log(of_bright / (QUIETER * of_dark)) < -CERTAIN * error)
-    return found
+    is_quieter: Tensor = noisy & (torch.log(of_bright / (QUIETER * of_dark)) < -CERTAIN * error)
+    return is_quieter
 
 
 def colours_apart(colours: Tensor, mtf50: Tensor) -> Tensor:
@@ -261,10 +261,10 @@ def colours_apart(colours: Tensor, mtf50: Tensor) -> Tensor:
     rows = (line.right[:, None] - colours.flatten(0, 1).mean(2)) / step[:, None] * width
     scatter = LEVELS * (rows - line.position_px).std(1) / math.sqrt(height)
     of_colours = (line.position_px.mean(1), scatter.nan_to_num(0, 0, 0), step.abs())
-    place, error, step = (each.view(batch, 3) for each in of_colours)
+    position, error, step = (each.view(batch, 3) for each in of_colours)
     weight = torch.where(line.no_edge.view(batch, 3), 0.0, step * torch.tensor(LUMINANCE, dtype=step.dtype))
     weight = weight / weight.sum(1, keepdim=True)
-    middle = (weight * place).sum(1, keepdim=True)
-    spread, noise = (weight * (place - middle) ** 2).sum(1), (weight * error**2).sum(1)
+    middle = (weight * position).sum(1, keepdim=True)
+    spread, noise = (weight * (position - middle) ** 2).sum(1), (weight * error**2).sum(1)
     costs = _cost_of_places(spread - noise, mtf50)
     return (spread > COLOURS_CERTAIN**2 * noise) & (costs > DISPLACED)

@@ -122,12 +122,12 @@ def hidden_faults(shape: Shape, mtf50: Tensor) -> tuple[Tensor, Tensor]:
     ([False], torch.Size([3, 1]))
     """
     mtf50 = mtf50.clamp(COARSEST, FINEST)
-    place = torch.log(mtf50 / COARSEST) * ((MTF50S - 1) / math.log(FINEST / COARSEST))
-    index = place.long().clamp_max(MTF50S - 2)
+    position = torch.log(mtf50 / COARSEST) * ((MTF50S - 1) / math.log(FINEST / COARSEST))
+    index = position.long().clamp_max(MTF50S - 2)
     table = cost_table()
-    costs = torch.lerp(table[:, index], table[:, index + 1], (place - index)[:, None])
-    found = [_traced(fault, cost, shape, mtf50) for fault, cost in zip(FAULTS, costs, strict=True)]
-    unequal, within = (torch.stack(each) for each in zip(*found, strict=True))
+    costs = torch.lerp(table[:, index], table[:, index + 1], (position - index)[:, None])
+    traces = [_traced(fault, cost, shape, mtf50) for fault, cost in zip(FAULTS, costs, strict=True)]
+    unequal, within = (torch.stack(each) for each in zip(*traces, strict=True))
     likely = within[:, 0].amax(0).clamp_min(0)
     largest, lowered = torch.maximum(likely, within.amax((0, 1))), -within.amin((0, 1)).clamp_max(0)
     return unequal.any(0), torch.stack([likely, largest, lowered])
@@ -136,11 +136,11 @@ def hidden_faults(shape: Shape, mtf50: Tensor) -> tuple[Tensor, Tensor]:
 def _traced(fault: Fault, costs: Tensor, shape: Shape, mtf50: Tensor) -> tuple[Tensor, Tensor]:
     """Whether ``fault`` certainly made the edge's halves unequal, (B,), and its cost: likely, at the ends, (3, B)."""
     free = shape.free
-    place = knots_px(free.shape[1])
-    _, level, _ = gaussian_edge(mtf50, place)
+    knots = knots_px(free.shape[1])
+    _, level, _ = gaussian_edge(mtf50, knots)
     slope = torch.gradient(level, dim=1)[0]
     # Another place and height of the step explain unequal halves; another width and contrast, equal ones.
-    explained = (slope, torch.ones_like(level)) if fault.parity > 0 else (place * slope, level - 0.5)
+    explained = (slope, torch.ones_like(level)) if fault.parity > 0 else (knots * slope, level - 0.5)
     basis = torch.linalg.qr(torch.stack([each * free for each in explained], dim=2)).Q
 
     def half(values: Tensor) -> Tensor:
@@ -151,7 +151,7 @@ def _traced(fault: Fault, costs: Tensor, shape: Shape, mtf50: Tensor) -> tuple[T
 
     def changes(u: Tensor) -> Tensor:
         """By the fault of strength u, (B,), at the MTF50 that it leaves, (B, K)."""
-        _, before, softer = gaussian_edge(mtf50 / (1 + _at(costs, u)), place)
+        _, before, softer = gaussian_edge(mtf50 / (1 + _at(costs, u)), knots)
         return half(fault.change(before, softer, u[:, None]) - level)
 
     off = half(_at_knots(shape.spline.coefficients) - level)
@@ -196,10 +196,10 @@ def _at_knots(coefficients: Tensor) -> Tensor:
 
 def _at(costs: Tensor, u: Tensor) -> Tensor:
     """The costs (B, U) of strengths (B,)."""
-    place = (u - WEAKEST) * PER_UNIT
-    index = place.long().clamp(0, costs.shape[1] - 2)
+    position = (u - WEAKEST) * PER_UNIT
+    index = position.long().clamp(0, costs.shape[1] - 2)
     row = torch.arange(len(u))
-    return torch.lerp(costs[row, index], costs[row, index + 1], place - index)
+    return torch.lerp(costs[row, index], costs[row, index + 1], position - index)
 
 
 @cache
@@ -212,24 +212,24 @@ def cost_table() -> Tensor:
     mtf50 = torch.logspace(math.log10(COARSEST), math.log10(FINEST), MTF50S, dtype=torch.float64)
     sigma, _, _ = gaussian_edge(mtf50, torch.zeros(1, dtype=torch.float64))
     step = (sigma / 12).clamp_min(0.125)
-    place = step * torch.arange(-80, 81)
-    _, level, softer = gaussian_edge(mtf50, place)
+    position_px = step * torch.arange(-80, 81)
+    _, level, softer = gaussian_edge(mtf50, position_px)
     count = round((STRONGEST - WEAKEST) * PER_UNIT) + 1
     strength = torch.linspace(WEAKEST, STRONGEST, count, dtype=torch.float64)
     table = torch.empty(len(FAULTS), MTF50S, count, dtype=torch.float64)
     for fault, into in zip(FAULTS, table, strict=True):
         u = strength.clamp(fault.low, fault.high)[:, None, None]
         line = torch.diff(fault.change(level, softer, u))
-        found = mtf50.expand(line.shape[:2])
+        mtf50_after = mtf50.expand(line.shape[:2])
         for _ in range(6):  # of Newton's steps
-            angle = math.pi * found
-            wave = 2 * angle[..., None] * (place[:, 1:] + place[:, :-1]) / 2
+            angle = math.pi * mtf50_after
+            wave = 2 * angle[..., None] * (position_px[:, 1:] + position_px[:, :-1]) / 2
             response = torch.hypot((line * torch.cos(wave)).sum(-1), (line * torch.sin(wave)).sum(-1))
-            response = response / torch.sinc(found * step[:, 0])
+            response = response / torch.sinc(mtf50_after * step[:, 0])
             steepness = (2 * angle * sigma[:, 0]) ** 2 + 1 - angle / torch.tan(angle)
-            found = (found * (1 + torch.log(2 * response) / steepness)).clamp(max=0.95)
-        honest = found[round(-WEAKEST * PER_UNIT)]
-        for column, after in enumerate(found):
+            mtf50_after = (mtf50_after * (1 + torch.log(2 * response) / steepness)).clamp(max=0.95)
+        honest = mtf50_after[round(-WEAKEST * PER_UNIT)]
+        for column, after in enumerate(mtf50_after):
             share = np.interp(mtf50.log().numpy(), after.log().numpy(), (after / honest - 1).numpy())
             into[:, column] = torch.from_numpy(share)
     return table

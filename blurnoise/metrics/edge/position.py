@@ -210,8 +210,8 @@ def slope(values: Tensor) -> Tensor:
     >>> slope(torch.tensor([[1.0, 1.5, 2.0]], dtype=torch.float64))
     tensor([0.5000], dtype=torch.float64)
     """
-    place = torch.arange(values.shape[1], dtype=torch.float64) - (values.shape[1] - 1) / 2
-    return values @ (place / (place @ place))
+    index = torch.arange(values.shape[1], dtype=torch.float64) - (values.shape[1] - 1) / 2
+    return values @ (index / (index @ index))
 
 
 def cosine(position_px: Tensor) -> Tensor:
@@ -282,30 +282,30 @@ def measure_sides(values: Tensor, position_px: Tensor) -> tuple[Sides, Upright]:
 def _reach(upright: Upright) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Distance up to which the edge leaves the lines through its sides; their rise; too_small; structured."""
     inside, height = upright.inside, upright.values.shape[1]
-    seen = upright.values * inside
+    inside_values = upright.values * inside
     count = inside.sum(1)
-    profile = seen.sum(1) / count.clamp_min(1)
-    scatter = torch.linalg.vector_norm(seen, dim=1) ** 2 / count.clamp_min(1) - profile**2
+    profile = inside_values.sum(1) / count.clamp_min(1)
+    scatter = torch.linalg.vector_norm(inside_values, dim=1) ** 2 / count.clamp_min(1) - profile**2
     # Left and right alike, outward from the edge: (B, 2, J + 1).
     middle = profile.shape[1] // 2
     profile, scatter, count = (
         torch.stack([each[:, : middle + 1].flip(1), each[:, middle:]], dim=1)
         for each in (profile, scatter, count)
     )
-    place = torch.arange(profile.shape[2], dtype=torch.float64)
+    outward = torch.arange(profile.shape[2], dtype=torch.float64)
     valid = count >= height / 4
     length = valid.sum(2)
     start = length / 2
     for _ in range(2):  # first from the outer halves, then from everything beyond the reach
-        outer = valid & (place >= start[..., None])
+        outer = valid & (outward >= start[..., None])
         whole = outer & (
             count >= WHOLE * height
         )  # columns of some rows only would take light that grows along the edge for a rise
         outer = torch.where(whole.sum(2, keepdim=True) >= WHOLE_COLUMNS, whole, outer)
         noise = (scatter.clamp_min(0) * outer).sum(2) / outer.sum(2).clamp_min(1)
-        rise, level, centre, error, error_of_rise = _line(place, profile, noise[..., None], count, outer)
+        rise, level, centre, error, error_of_rise = _line(outward, profile, noise[..., None], count, outer)
         step = (level[:, 1] - level[:, 0]).abs()[:, None, None]
-        off = (profile - level[..., None] - rise[..., None] * (place - centre[..., None])).abs()
+        off = (profile - level[..., None] - rise[..., None] * (outward - centre[..., None])).abs()
         flat = (off <= torch.maximum(FLAT * step, 3 * error)) & valid
         three = flat[..., :-2] & flat[..., 1:-1] & flat[..., 2:]
         blur = three.to(torch.uint8).argmax(2).amax(1).to(torch.float64)
@@ -319,20 +319,20 @@ def _reach(upright: Upright) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     too_small = (~three.any(2)).any(1) | ((rises.abs().amax(1) > SLOPING * tall) & ~lit)
     rise = torch.where(rise.abs() > sure, rise, 0.0) * torch.tensor([-1.0, 1.0], dtype=torch.float64)
     px = REACH_FACTOR * blur + REACH_PX
-    beyond = (place > px[:, None, None]) & valid
+    beyond = (outward > px[:, None, None]) & valid
     structured = (beyond & (off > torch.maximum(STRUCTURE * step, 6 * error))).any(2).any(1)
     structured |= _shelf(profile, level, error[..., 0].amax(1))
     return px, rise, too_small, structured
 
 
 def _line(
-    place: Tensor, profile: Tensor, noise: Tensor, count: Tensor, used: Tensor
+    outward: Tensor, profile: Tensor, noise: Tensor, count: Tensor, used: Tensor
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """Slope, mean and mean place of the profile (B, 2, n) where ``used``; its error about that line; the slope's."""
     number = used.sum(-1, keepdim=True).clamp_min(1)
     share = used / number
-    middle, mean = (share * place).sum(-1), (share * profile).sum(-1)
-    about = place - middle[..., None]
+    middle, mean = (share * outward).sum(-1), (share * profile).sum(-1)
+    about = outward - middle[..., None]
     spread = (share * about**2).sum(-1).clamp_min(1e-12)
     rise = (share * about * profile).sum(-1) / spread
     pixels = (count * used).sum(-1, keepdim=True).clamp_min(1)

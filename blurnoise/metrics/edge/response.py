@@ -55,8 +55,8 @@ class EdgeResponse:
         power = self.power.clamp_min(0)
         # Without noise, rounding leaves its power a little below 0 here and there.
         certain = power - PEAK_CERTAIN * torch.sqrt(2 * power * self.noise.clamp_min(0))
-        found = torch.where(self.frequencies <= NYQUIST, certain, 0.0).max(1)
-        return torch.where(found.values > 1, found.indices, 0)
+        highest = torch.where(self.frequencies <= NYQUIST, certain, 0.0).max(1)
+        return torch.where(highest.values > 1, highest.indices, 0)
 
     def scatter(self, mtf50: Tensor) -> Tensor:
         """Relative standard deviation of MTF50 by noise, (B,); only the half in phase with the response counts."""
@@ -100,8 +100,8 @@ def _modulus_squared(coefficients: Tensor) -> Tensor:
 
 @cache
 def _waves(count: int) -> tuple[Tensor, Tensor]:
-    place = KNOT_PX * (torch.arange(count, dtype=torch.float64) - (count - 1) / 2)
-    angle = 2 * math.pi * place[:, None] * FREQUENCIES
+    knot_px = KNOT_PX * (torch.arange(count, dtype=torch.float64) - (count - 1) / 2)
+    angle = 2 * math.pi * knot_px[:, None] * FREQUENCIES
     smooth = torch.sinc(KNOT_PX * FREQUENCIES) ** 3
     return torch.cos(angle) * smooth, torch.sin(angle) * smooth
 
@@ -158,10 +158,10 @@ def _binned(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     across = torch.diff(values, dim=2, prepend=2 * values[:, :, :1] - values[:, :, 1:2]) / 2
     position = torch.tensor([(width - 1) / 2], dtype=torch.float64)
     for _ in range(2):
-        seen = across * (0.95 * _window(column, position) + 0.05)  # on a pedestal here, not below
-        mass = seen.sum(2)
+        weighted = across * (0.95 * _window(column, position) + 0.05)  # on a pedestal here, not below
+        mass = weighted.sum(2)
         # A row's centre of mass, half a pixel back, for a difference lies between two pixels.
-        centre = (seen @ column) / torch.where(mass.abs() > 1e-12, mass, torch.inf) - 0.5
+        centre = (weighted @ column) / torch.where(mass.abs() > 1e-12, mass, torch.inf) - 0.5
         position = smooth(centre, order=ISO_LINE_ORDER)
     tilt = slope(position)
     rise = tilt.abs().clamp_min(1e-9)
@@ -187,10 +187,10 @@ def _line_spread(total: Tensor, count: Tensor) -> Tensor:
     line[..., 1:-1] = (spread[..., 2:] - spread[..., :-2]) / 2
     line[..., 0], line[..., -1] = line[..., 1], line[..., -2]
     bins = line.shape[-1]
-    place = torch.arange(bins)
-    source = place + line.argmax(-1, keepdim=True) - bins // 2
+    index = torch.arange(bins)
+    source = index + line.argmax(-1, keepdim=True) - bins // 2
     moved = line.gather(-1, source.clamp(0, bins - 1)) * ((source >= 0) & (source < bins))
-    return moved * _window(place, torch.tensor([bins // 2]))
+    return moved * _window(index, torch.tensor([bins // 2]))
 
 
 def _window(place: Tensor, middle: Tensor) -> Tensor:
@@ -218,8 +218,8 @@ def crossing(power: Tensor, spacing: Tensor, level: Tensor) -> Tensor:
     cubic = y[0] + t * (first + (t - 1) * (second + (t - 2) * third))
     after = (cubic < 0).to(torch.uint8).argmax(-1, keepdim=True).clamp_min(1)
     above, under = cubic.gather(-1, after - 1), cubic.gather(-1, after)
-    place = start + t.gather(-1, after) - under / (under - above) / 32
-    return torch.where(below.any(-1), place[..., 0] * spacing, torch.inf)
+    position = start + t.gather(-1, after) - under / (under - above) / 32
+    return torch.where(below.any(-1), position[..., 0] * spacing, torch.inf)
 
 
 def numbers(
@@ -239,9 +239,9 @@ def numbers(
     index = peak.expand(power.shape[:-1])[..., None]
     height = power.gather(-1, index)
     after_peak = torch.where(torch.arange(power.shape[-1]) < index, height, power)
-    place = (NYQUIST / torch.tensor([1.0, 2.0, 4.0]) / spacing[..., None]).expand(*power.shape[:-1], 3)
-    before = place.long().clamp(0, power.shape[-1] - 2)
-    between = torch.lerp(power.gather(-1, before), power.gather(-1, before + 1), place - before)
+    position = (NYQUIST / torch.tensor([1.0, 2.0, 4.0]) / spacing[..., None]).expand(*power.shape[:-1], 3)
+    before = position.long().clamp(0, power.shape[-1] - 2)
+    between = torch.lerp(power.gather(-1, before), power.gather(-1, before + 1), position - before)
     mtf_nyquist, mtf_nyquist_2, mtf_nyquist_4 = between.clamp_min(0).sqrt().unbind(-1)
     return {
         "mtf50": crossing(power, spacing, torch.full_like(step, 0.25)),
@@ -263,13 +263,13 @@ def intervals(resampled: dict[str, Tensor], plain: dict[str, Tensor], wider: flo
     [[0.11, 0.49]]
     """
     ends = torch.tensor([0.025, 0.975], dtype=torch.float64)
-    found = {name: torch.quantile(values, ends, dim=1).T for name, values in resampled.items()}
+    bounds = {name: torch.quantile(values, ends, dim=1).T for name, values in resampled.items()}
     if wider == 1:
-        return found
-    for name, each in found.items():
+        return bounds
+    for name, each in bounds.items():
         about = plain[name][:, None]
-        found[name] = torch.where(about.isfinite(), about + wider * (each - about), each)
-    return found
+        bounds[name] = torch.where(about.isfinite(), about + wider * (each - about), each)
+    return bounds
 
 
 def block_weights(resamples: int, rows: int, block: int, seed: int) -> Tensor:

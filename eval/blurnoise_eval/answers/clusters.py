@@ -22,17 +22,26 @@ def cluster_of(picture: str, pattern: str | None = None) -> str:
     pattern: a regular expression that is searched in the name. The text of its first group, or of the whole match
     without a group, names the cluster. A picture whose name does not match is a cluster by itself.
     Raises ``ValueError`` for a pattern that is not a regular expression.
+
+    >>> cluster_of("drive_12/frame_003.png", r"drive_(\\d+)"), cluster_of("alone.png", r"drive_(\\d+)")
+    ('12', 'alone.png')
     """
     if pattern is None:
         return picture
     compiled = _compiled(pattern)
-    found = compiled.search(picture)
-    shared = None if found is None else found.group(1 if compiled.groups else 0)
+    match = compiled.search(picture)
+    shared = None if match is None else match.group(1 if compiled.groups else 0)
     return picture if shared is None else shared
 
 
 def check_cluster(pattern: str | None, pictures: Iterable[str]) -> None:
-    """Raises ``ValueError`` for a pattern that is not a regular expression, or is found in none of the names."""
+    """Raises ``ValueError`` for a pattern that is not a regular expression, or is found in none of the names.
+
+    >>> check_cluster("drive", ["night_1.png"])
+    Traceback (most recent call last):
+        ...
+    ValueError: cluster = 'drive': must be found in the names of pictures, such as 'night_1.png'
+    """
     names = list(pictures)
     if pattern is not None and names and not any(_compiled(pattern).search(name) for name in names):
         raise ValueError(
@@ -53,10 +62,14 @@ def repeated(looks: Mapping[str, str], pattern: str | None = None) -> str | None
 
     looks: by picture's name its :func:`~blurnoise_eval.datasets.likeness.perceptual_hash`, "" where there is none.
     pattern: what they are clustered by. Above ``MOST`` pictures as many of them, evenly spread, are compared.
+
+    >>> looks = {f"frame_{number}.png": "" for number in range(3)}
+    >>> repeated(looks) is None  # nothing is known of their looks
+    True
     """
     names = sorted(looks)
     if len(names) > MOST:
-        names = [names[place] for place in np.linspace(0, len(names) - 1, MOST).round().astype(int).tolist()]
+        names = [names[index] for index in np.linspace(0, len(names) - 1, MOST).round().astype(int).tolist()]
     clusters = [cluster_of(name, pattern) for name in names]
     count, apart = len(set(clusters)), len(set(scenes([looks[name] for name in names], clusters).tolist()))
     if apart >= _FEWER * count:

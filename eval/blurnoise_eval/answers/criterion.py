@@ -22,7 +22,11 @@ _MOST_ALARMS = 1e3
 
 
 def names(kind: str) -> list[str]:
-    """The scores that may be a criterion, of "detector" or "reader"."""
+    """The scores that may be a criterion, of "detector" or "reader".
+
+    >>> names("reader")
+    ['target_confidence', 'exact_match']
+    """
     every = [score.name for score in criteria(kind)]
     return every if kind == "reader" else [*every, f"{RECALL}RATE"]
 
@@ -35,6 +39,9 @@ class Criterion:
     pictures. score: one of :func:`names`. cluster: the pattern by which pictures count as one, see
     :func:`blurnoise_eval.answers.clusters.cluster_of`. Raises ``ValueError`` for a level outside 0-1, a share of 0,
     or another score.
+
+    >>> Criterion(0.9, kept=True).text, Criterion(0.6, kept=False).text
+    ('keeps 0.9 of its confidence', 'mean confidence 0.6')
     """
 
     level: float

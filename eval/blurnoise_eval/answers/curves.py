@@ -36,15 +36,20 @@ _UNKNOWN = 1e9  # where no interval is known, it reaches beyond every threshold
 
 
 def windows(x: ArrayLike, y: ArrayLike, threshold: float, logarithmic: bool = True) -> list[Stretch]:
-    """Stretches of x, increasing, in which y(x) is at or above ``threshold``."""
+    """Stretches of x, increasing, in which y(x) is at or above ``threshold``.
+
+    >>> stretches = windows([1.0, 2.0, 4.0, 8.0], [0.0, 1.0, 1.0, 0.0], threshold=0.5)
+    >>> [(round(first, 2), round(last, 2)) for first, last in stretches]  # half-way in log x
+    [(1.41, 5.66)]
+    """
     tested, values = np.asarray(x, float).tolist(), np.asarray(y, float)
     (at, is_log), above = _coordinate(tested, logarithmic), values >= threshold
     ends = [tested[0]] if above[:1].any() else []
-    for place in np.flatnonzero(above[1:] != above[:-1]).tolist():
-        share = (threshold - values[place]) / (values[place + 1] - values[place])
-        end = float(at[place] + share * (at[place + 1] - at[place]))
+    for index in np.flatnonzero(above[1:] != above[:-1]).tolist():
+        share = (threshold - values[index]) / (values[index + 1] - values[index])
+        end = float(at[index] + share * (at[index + 1] - at[index]))
         end = float(np.exp(end)) if is_log else end
-        ends.append(min(max(end, tested[place]), tested[place + 1]))  # exp(log x) may miss x by a rounding
+        ends.append(min(max(end, tested[index]), tested[index + 1]))  # exp(log x) may miss x by a rounding
     ends += [tested[-1]] if above[-1:].any() else []
     return list(zip(ends[::2], ends[1::2], strict=True))
 
@@ -90,8 +95,8 @@ class ScoreCurve:
 
     def _between(self, values: Array) -> Array:
         """Values (..., N), straight between the steps."""
-        place = np.arange((len(self.x) - 1) * self._steps + 1)
-        before, share = place // self._steps, (place % self._steps) / self._steps
+        step = np.arange((len(self.x) - 1) * self._steps + 1)
+        before, share = step // self._steps, (step % self._steps) / self._steps
         low, high = values[..., before], values[..., np.minimum(before + 1, len(self.x) - 1)]
         return np.asarray(np.where(share == 0, low, low + share * (high - low)))
 
@@ -179,10 +184,10 @@ def endurances(
         yield from _along(setting, "exposure_s", criterion)
         for at_once in setting.split(["exposure_s"]):
             exposure_s = float(at_once.conditions["exposure_s"][0])
-            speeds, place = np.unique(at_once.speeds_px_s, return_inverse=True)
+            speeds, index = np.unique(at_once.speeds_px_s, return_inverse=True)
             if len(speeds) < 2 or (exposures_s and exposure_s not in exposures_s):
                 continue
-            merged = at_once.merged(place)  # directions of one speed: one point
+            merged = at_once.merged(index)  # directions of one speed: one point
             x = tuple((speeds * exposure_s).tolist())  # straight in px, since pictures at rest have none
             yield _endurance(ScoreCurve(merged, x), BLUR, ("exposure_s", *SETTING), criterion)
 

@@ -39,7 +39,7 @@ def answers(
     dark_below: see :class:`~.limits.TestedLine`. monotone: whether no answer may be better at a higher speed, where
     pictures move as a whole, see :mod:`.monotone`.
     """
-    found = []
+    rows = []
     for setting in table.take(table.measured).split(SETTING):
         uniform = monotone and is_uniform(setting)
         lines = list((pooled(setting) if uniform else setting).along("exposure_s"))
@@ -51,8 +51,8 @@ def answers(
         at_slowest = slowest.conditions["exposure_s"], slowest.mean
         for speed, curve in zip(speeds, curves, strict=True):
             slower = _between(curve.x, *at_slowest) if speed > min(speeds) else None
-            found.append(answer(curve, TestedLine(curve.line, slower, dark_below), criterion))
-    return found
+            rows.append(answer(curve, TestedLine(curve.line, slower, dark_below), criterion))
+    return rows
 
 
 def _between(exposures_s: Sequence[float], tested_s: Array, mean: Array) -> Array:
@@ -131,7 +131,11 @@ def answer(curve: ScoreCurve, line: TestedLine, criterion: Criterion) -> AnswerR
 def recommended(
     exposures_s: Sequence[float], values: Sequence[float], level: float, saturated: Sequence[float] | None
 ) -> int | None:
-    """The place of the exposure to use, by the rule of :mod:`.recommendation`; None where none reaches the level."""
+    """The place of the exposure to use, by the rule of :mod:`.recommendation`; None where none reaches the level.
+
+    >>> recommended([0.001, 0.004, 0.016], [0.5, 0.9, 0.95], 0.8, saturated=[0.0, 0.01, 0.3])  # not the third
+    1
+    """
     counted = np.asarray(values, float)
     if not (counted >= level).any():
         return None
@@ -141,7 +145,11 @@ def recommended(
 
 
 def natural(text: str) -> list[tuple[int, float, str]]:
-    """A sort key that puts 32 px before 100 px."""
+    """A sort key that puts 32 px before 100 px.
+
+    >>> sorted(["100 px", "32 px"], key=natural)
+    ['32 px', '100 px']
+    """
     parts = re.split(r"(\d+)", text)
     return [(1, float(part), "") if part.isdigit() else (0, 0.0, part) for part in parts]
 

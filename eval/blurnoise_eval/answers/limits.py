@@ -56,18 +56,18 @@ class TestedLine:
         """Whether this moves at all."""
         return bool(self.of.speeds_px_s.any())
 
-    def lacks(self, place: int) -> Limit | None:
+    def lacks(self, index: int) -> Limit | None:
         """What too little light means at an exposure: missed pulses where pictures miss a pulsed lamp; darkness in a
         picture that is darker than half of auto-exposure's aim, since gain has ended or was fixed; noise in one as
         bright as it should be."""
-        if self.of.missed_pulses is not None and self.of.missed_pulses[place] > MATTERS:
+        if self.of.missed_pulses is not None and self.of.missed_pulses[index] > MATTERS:
             return "missed pulses"
-        brightness = self.of.brightness[place]
+        brightness = self.of.brightness[index]
         return None if np.isnan(brightness) else "darkness" if brightness < self.dark_below else "noise"
 
-    def saturates(self, place: int, others: Sequence[int] | NDArray[np.int64]) -> bool | None:
+    def saturates(self, index: int, others: Sequence[int] | NDArray[np.int64]) -> bool | None:
         """Whether more is saturated at one exposure than at the least saturated of others."""
-        more = self.of.saturated[place] - np.fmin.reduce(self.of.saturated[others])
+        more = self.of.saturated[index] - np.fmin.reduce(self.of.saturated[others])
         return bool(more > SATURATES) if np.isfinite(more) else None
 
 
@@ -87,9 +87,9 @@ def of_window(line: TestedLine, window: tuple[float, float], level: float) -> Wi
     if window[0] > x[0] or value[0] < level:
         low = line.lacks(max(int((x < window[0]).sum()) - 1, 0))
     if window[1] < x[-1] or value[-1] < level:
-        place = min(int((x <= window[1]).sum()), len(x) - 1)
-        saturates = line.saturates(place, here)
-        slower = np.nan if line.slower is None else line.slower[place]
+        index = min(int((x <= window[1]).sum()), len(x) - 1)
+        saturates = line.saturates(index, here)
+        slower = np.nan if line.slower is None else line.slower[index]
         if slower >= level:
             high = "blur"
         elif np.isfinite(slower) or not line.moves:
@@ -111,14 +111,17 @@ def of_best(line: TestedLine, best: int) -> WindowLimits:
     value, x = line.of.mean, line.x
     parts: list[Limit | None] = []
     if line.slower is not None and np.isfinite(line.slower[best]):
-        own, after = line.slower[best], slice(best + 1, None)
-        brighter = line.slower[after] - own > MATTERS
-        if own - value[best] > MATTERS or (brighter & (line.slower[after] - value[after] > MATTERS)).any():
+        slowest, after = line.slower[best], slice(best + 1, None)
+        brighter = line.slower[after] - slowest > MATTERS
+        if (
+            slowest - value[best] > MATTERS
+            or (brighter & (line.slower[after] - value[after] > MATTERS)).any()
+        ):
             parts.append("blur")
-        rises = best + 1 == len(x) > 1 and own - line.slower[best - 1] > MATTERS
+        rises = best + 1 == len(x) > 1 and slowest - line.slower[best - 1] > MATTERS
         if brighter.any() or rises:
             parts.append(line.lacks(best))
-        elif (line.slower[:best] - own > MATTERS).any():
+        elif (line.slower[:best] - slowest > MATTERS).any():
             parts.append("saturation")
     else:
         if best > 0 and value[best] - value[best - 1] > MATTERS:

@@ -45,7 +45,7 @@ def pooled(setting: ScoreTable) -> ScoreTable:
     exposures = setting.conditions["exposure_s"]
     for exposure_s in np.unique(exposures):
         here = np.flatnonzero((exposures == exposure_s) & setting.measured)
-        branches, root = _branches([velocities[place] for place in here])
+        branches, root = _branches([velocities[index] for index in here])
         for block in _blocks(setting.mean[here], weight[here], branches, root):
             for values in (sums, counts):
                 values[:, here[block]] = values[:, here[block]].mean(axis=1, keepdims=True)
@@ -59,7 +59,7 @@ def nested(curves: Sequence[ScoreCurve], velocities: Sequence[Velocity]) -> list
     They are compared at the exposures that they share, and between two of these where neither has another.
     """
     speeds, directions = [math.hypot(*each) for each in velocities], [_direction(each) for each in velocities]
-    found = []
+    nested_curves = []
     for curve, speed, direction in zip(curves, speeds, directions, strict=True):
         low, high = [curve.ends.low], [curve.ends.high]
         for other, its_speed, its_direction in zip(curves, speeds, directions, strict=True):
@@ -71,16 +71,16 @@ def nested(curves: Sequence[ScoreCurve], velocities: Sequence[Velocity]) -> list
                 high.append(_shared(other, other.ends.high, curve))
         known = np.isfinite(curve.ends.low)
         ends = np.fmax.reduce(low), np.fmin.reduce(high)
-        found.append(replace(curve, given=Ends(*(np.where(known, end, np.nan) for end in ends))))
-    return found
+        nested_curves.append(replace(curve, given=Ends(*(np.where(known, end, np.nan) for end in ends))))
+    return nested_curves
 
 
 def _shared(other: ScoreCurve, end: Array, curve: ScoreCurve) -> Array:
     """The end of another curve's interval where this one's is known; NaN where the other's is not."""
     if other.x == curve.x:
         return end
-    place = np.searchsorted(other.fine, curve.fine * (1 - _SAME)).clip(max=len(other.fine) - 1)
-    return np.where(np.abs(other.fine[place] - curve.fine) <= _SAME * curve.fine, end[place], np.nan)
+    index = np.searchsorted(other.fine, curve.fine * (1 - _SAME)).clip(max=len(other.fine) - 1)
+    return np.where(np.abs(other.fine[index] - curve.fine) <= _SAME * curve.fine, end[index], np.nan)
 
 
 def _direction(velocity: Velocity) -> float:

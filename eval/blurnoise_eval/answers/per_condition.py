@@ -118,13 +118,13 @@ def scored(
             scores = {
                 score.name: with_interval(score.estimate(evaluated), score.most) for score in of_conditions()
             }
-            found = replace(row, conditions=as_set, scores=scores)
+            filled = replace(row, conditions=as_set, scores=scores)
             performance = evaluated.mean("exact_match") if truth is None else evaluated.average()
             sizes = {size: of_sizes(evaluated, size) for size in SIZES} if of_sizes else {}
             if any(estimate.value is not None and estimate.influence is None for estimate in sizes.values()):
                 must = "must return the influence of each cluster, as uncertainty.left_out does"
                 raise ValueError(f"score {by_size!r}: by_size {must}")
-            yield Scored(found, performance, sizes, evaluated.targets_by_size if of_sizes else {})
+            yield Scored(filled, performance, sizes, evaluated.targets_by_size if of_sizes else {})
 
 
 def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:
@@ -143,19 +143,19 @@ def _sums(rows: TargetColumns, clusters: Mapping[str, int]) -> dict[AxisValues, 
     picture = rows.condition.astype(np.int64) * max(len(rows.pictures), 1) + rows.picture
     begins = np.diff(picture, prepend=-1) != 0
     first, of_picture = np.flatnonzero(begins), np.cumsum(begins) - 1
-    place = rows.condition[first].astype(np.int64) * shape[1] + numbers[rows.picture[first]]
+    bin_of = rows.condition[first].astype(np.int64) * shape[1] + numbers[rows.picture[first]]
 
     def per_cluster(weights: Array) -> Array:
         per_picture = np.bincount(of_picture, weights, len(first))
-        return np.asarray(np.bincount(place, per_picture, math.prod(shape)).reshape(shape), float)
+        return np.asarray(np.bincount(bin_of, per_picture, math.prod(shape)).reshape(shape), float)
 
-    found = {}
+    by_score = {}
     for score in of_conditions():
         if score.of_targets is not None:
             values = score.of_targets(rows)
             known = ~np.isnan(values)
-            found[score.name] = per_cluster(np.where(known, values, 0.0)), per_cluster(known)
+            by_score[score.name] = per_cluster(np.where(known, values, 0.0)), per_cluster(known)
     return {
-        at: {name: (sums[number], counts[number]) for name, (sums, counts) in found.items()}
+        at: {name: (sums[number], counts[number]) for name, (sums, counts) in by_score.items()}
         for number, at in enumerate(rows.conditions)
     }

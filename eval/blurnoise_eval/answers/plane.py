@@ -23,7 +23,11 @@ Direction = tuple[float, float]
 
 
 def places_of(exposures_s: ArrayLike, illuminance_lux: ArrayLike, speeds_px_s: ArrayLike) -> Array:
-    """(u, w) of N exposures, s above 0, under light above 0, (N, 2)."""
+    """(u, w) of N exposures, s above 0, under light above 0, (N, 2).
+
+    >>> places_of([0.01, 0.01], [100.0, 200.0], [400.0, 0.0]).tolist()  # 1 and 2 lux s; 4 px and none
+    [[0.0, 2.0], [1.0, -1.0]]
+    """
     exposures = np.asarray(exposures_s, float)
     light = np.log2(exposures) + np.log2(np.asarray(illuminance_lux, float))
     motion = np.log2(np.maximum(exposures * np.asarray(speeds_px_s, float), STILL_PX))
@@ -31,13 +35,22 @@ def places_of(exposures_s: ArrayLike, illuminance_lux: ArrayLike, speeds_px_s: A
 
 
 def same_places(places: Array) -> tuple[Array, NDArray[np.int64]]:
-    """The places (M, 2) that are different, and which of them each of the N is, (N,)."""
+    """The places (M, 2) that are different, and which of them each of the N is, (N,).
+
+    >>> places, which = same_places(places_of([0.01, 0.02], [100.0, 50.0], [400.0, 200.0]))
+    >>> len(places), which.tolist()  # half the light and speed for twice the time
+    (1, [0, 0])
+    """
     different, which = np.unique(places.round(DIGITS) + 0.0, axis=0, return_inverse=True)
     return different, which.ravel()
 
 
 def direction_of(velocity_px_s: tuple[float, float]) -> Direction | None:
-    """Unit vector of the motion's axis, x >= 0; None at rest."""
+    """Unit vector of the motion's axis, x >= 0; None at rest.
+
+    >>> direction_of((3.0, 4.0)), direction_of((-3.0, -4.0)), direction_of((0.0, 0.0))
+    ((0.6, 0.8), (0.6, 0.8), None)
+    """
     speed = math.hypot(*velocity_px_s)
     if speed == 0:
         return None

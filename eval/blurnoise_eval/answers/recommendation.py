@@ -53,6 +53,9 @@ def best_exposure(exposures_s: Sequence[float], values: ArrayLike) -> int | None
 
     Only exposures next to the best one, without a worse one between, count as near. values: (E,), NaN where not
     tested. None where nothing was tested.
+
+    >>> best_exposure([0.001, 0.002, 0.004, 0.008], [0.5, 0.9, 0.9, 0.9])  # the middle of the plateau
+    2
     """
     value = np.asarray(values, float)
     tested = np.flatnonzero(np.isfinite(value))
@@ -61,7 +64,7 @@ def best_exposure(exposures_s: Sequence[float], values: ArrayLike) -> int | None
     best = int(np.argmax(value[tested]))
     worse = np.flatnonzero(value[tested] < value[tested[best]] - NEAR)
     plateau = tested[worse[worse < best].max(initial=-1) + 1 : worse[worse > best].min(initial=len(tested))]
-    at = np.array([exposures_s[place] for place in plateau])
+    at = np.array([exposures_s[index] for index in plateau])
     if len(plateau) == 1 or not (np.isfinite(at).all() and (at > 0).all()):
         return int(tested[best])
     middle = (math.log(at[0]) + math.log(at[-1])) / 2
@@ -75,6 +78,9 @@ def without_saturated(values: ArrayLike, saturated: ArrayLike, level: float) -> 
     Where all that work saturate more than a tenth, 0 for those that saturate clearly more than the least of them.
     saturated: (..., E) share of saturated values, NaN where it is not known. level: the value from which an exposure
     works.
+
+    >>> without_saturated([0.8, 0.9, 0.95], [0.0, 0.05, 0.2], level=0.7).tolist()
+    [0.8, 0.9, 0.0]
     """
     value, share = np.asarray(values, float), np.nan_to_num(np.asarray(saturated, float))
     least = np.where(value >= level, share, np.inf).min(axis=-1, keepdims=True)
@@ -141,20 +147,20 @@ class Averages:
         e = best_exposure(self.exposures_s, counted)
         if e is None:
             return None
-        own = every[:, e]
+        chosen = every[:, e]
         value, sigma, effective, share = (
-            each[own, e] for each in (self.value, self.sigma, self.effective, self.saturated)
+            each[chosen, e] for each in (self.value, self.sigma, self.effective, self.saturated)
         )
-        away, most = self.influence[:, own, e], self.most[own]
+        away, most = self.influence[:, chosen, e], self.most[chosen]
         ends = zip(*uncertainty.of_level(value, away, most, sigma, effective), strict=True)
         verdicts = [self._verdict(*each) for each in ends]
-        mean = np.where(np.isfinite(away).any(axis=1), np.nansum(away, axis=1) / len(own), np.nan)
+        mean = np.where(np.isfinite(away).any(axis=1), np.nansum(away, axis=1) / len(chosen), np.nan)
         together = uncertainty.of_level(value.mean(), mean, most.mean(), sigma.mean(), effective.min())
-        best = np.nanmax(without_saturated(self.value[own], self.saturated[own], self.level), axis=1)
-        gains = {self.settings[place][_GAIN] for place in own}
+        best = np.nanmax(without_saturated(self.value[chosen], self.saturated[chosen], self.level), axis=1)
+        gains = {self.settings[index][_GAIN] for index in chosen}
         low, high = map(float, together)
         return Choice(
-            conditions=own,
+            conditions=chosen,
             gain_db=gains.pop() if len(gains) == 1 else None,
             exposure_s=self.exposures_s[e],
             score=WithInterval(float(value.mean()), finite(low), finite(high)),
@@ -178,18 +184,18 @@ class Averages:
         if len(x) < 2 or not np.isfinite(x).all():
             return None
         best = int(np.argmax(y))
-        beside = [place for place in (best - 1, best + 1) if 0 <= place < len(x)]
+        beside = [index for index in (best - 1, best + 1) if 0 <= index < len(x)]
         if len(beside) == 2 and y[beside].all():
             bend, slope, _ = np.polyfit(x[best - 1 : best + 2] - x[best], y[best - 1 : best + 2], 2)
             top = x[best] - slope / (2 * bend) if bend < 0 else x[best]
             if np.abs(top - x).min() >= CLOSE:
                 return float(f"{2.0**top:.3g}")
-        gaps = {place: abs(x[place] - x[best]) for place in beside if y[place] < y[best] - NEAR}
-        wide = [place for place, gap in gaps.items() if gap > (WIDE if y[place] else THIRD) + _ROUNDED]
+        gaps = {index: abs(x[index] - x[best]) for index in beside if y[index] < y[best] - NEAR}
+        wide = [index for index, gap in gaps.items() if gap > (WIDE if y[index] else THIRD) + _ROUNDED]
         if not wide:
             return None
-        place = max(wide, key=lambda place: (y[place] == 0, gaps[place]))
-        return float(f"{2.0 ** ((x[place] + x[best]) / 2):.3g}")
+        index = max(wide, key=lambda index: (y[index] == 0, gaps[index]))
+        return float(f"{2.0 ** ((x[index] + x[best]) / 2):.3g}")
 
     def unmeasured(self, measured_s: Collection[float]) -> float | None:
         """Of averages that are predicted the exposure to measure next under all conditions: the one to use, unless
@@ -207,20 +213,22 @@ class Averages:
         because it saturates.
         """
         gains: dict[Setting, dict[float, list[int]]] = {}
-        for place in places:
-            setting = self.settings[place]
+        for index in places:
+            setting = self.settings[index]
             at_light = gains.setdefault(_without(setting, _GAIN), {})
-            at_light.setdefault(setting[_GAIN], []).append(place)
+            at_light.setdefault(setting[_GAIN], []).append(index)
         chosen = []
         for at_light in gains.values():
             rising = [at_light[gain] for gain in sorted(at_light)]
-            means = np.array([self.value[own].mean(axis=0) for own in rising])
+            means = np.array([self.value[members].mean(axis=0) for members in rising])
             best = np.where(np.isnan(means), -1.0, means).argmax(axis=0)
             chosen.append(np.array([rising[each] for each in best]).T)
-        own = np.concatenate(chosen)
-        value, saturated = (np.take_along_axis(each, own, axis=0) for each in (self.value, self.saturated))
+        members = np.concatenate(chosen)
+        value, saturated = (
+            np.take_along_axis(each, members, axis=0) for each in (self.value, self.saturated)
+        )
         share = ratio_of_sums(np.nan_to_num(saturated), np.isfinite(saturated))
-        return own, without_saturated(value.mean(axis=0), share, self.level)
+        return members, without_saturated(value.mean(axis=0), share, self.level)
 
     def _verdict(self, low: float, high: float) -> str:
         return SURE if low >= self.level else FAILS if high < self.level else CANNOT_TELL
@@ -235,14 +243,14 @@ def averages(tables: Sequence[ScoreTable], level: float, *, monotone: bool = Fal
     at = [list(zip(table.settings, table.velocities_px_s, strict=True)) for table in tables]
     exposures = np.unique(np.concatenate([table.conditions["exposure_s"] for table in tables]))
     groups, conditions, clusters = (
-        {each: place for place, each in enumerate(dict.fromkeys(every))}
+        {each: index for index, each in enumerate(dict.fromkeys(every))}
         for every in ((table.group for table in tables), chain(*at), chain(*(t.clusters for t in tables)))
     )
     shape = len(groups), len(conditions), len(exposures)
     value, sigma, most, share = np.full((4, *shape), np.nan)
     influence, counts = np.full((2, len(clusters), *shape), np.nan)
-    for table, own in zip(tables, at, strict=True):
-        g, n = groups[table.group], np.array([conditions[condition] for condition in own], np.int64)
+    for table, keys in zip(tables, at, strict=True):
+        g, n = groups[table.group], np.array([conditions[condition] for condition in keys], np.int64)
         e = np.searchsorted(exposures, table.conditions["exposure_s"])
         c = np.array([clusters[name] for name in table.clusters])[:, None]
         value[g, n, e], share[g, n, e], sigma[g, n, e] = table.mean, table.saturated, table.sigma

@@ -36,6 +36,7 @@ COMMANDS: dict[str, str] = {
     "chart": "render a test chart",
     "motion": "convert a road speed to px/s and blur length",
     "cameras": "list the camera presets, or show the values of one camera",
+    "lights": "list the named lights: lux, spectrum and headlamps",
     "cameras fit": "make a camera file from dark and flat frames, or from a DNG",
     "train": "train the stop-sign detector and write it as ONNX",
 }

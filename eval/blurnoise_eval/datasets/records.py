@@ -30,6 +30,9 @@ class Target:
     area_px2: of the object, as COCO counts it; None: of the box. crowd: several objects under one box, which
     are neither missed nor wrong, as COCO's crowds. text: what is to be read there. annotation: what else the
     file says of it, for those who write it again.
+
+    >>> Target("car", "car, large (> 96 px)", (10.0, 20.0, 210.0, 140.0)).crowd
+    False
     """
 
     label: str
@@ -50,6 +53,11 @@ class Picture:
     changed, a resumed run looks at the picture's content.
     ``image_id`` is COCO's, else the place in the set, from 1 on.
     ``cut`` returns, where that is known, the targets' own light in their order and what is truly behind them.
+
+    >>> from blurnoise_eval import datasets
+    >>> picture = datasets.rendered_signs((50,), count=1).pictures[0]
+    >>> picture.load().dtype, picture.targets[0].label
+    (dtype('uint8'), 'stop sign')
     """
 
     name: str
@@ -62,7 +70,12 @@ class Picture:
 
 @dataclass(frozen=True)
 class Part:
-    """The ``number``th of ``count`` parts of a set of pictures, from 1 on: the same on every machine."""
+    """The ``number``th of ``count`` parts of a set of pictures, from 1 on: the same on every machine.
+
+    >>> quarters = [Part.parse(f"{number}/4") for number in (1, 2, 3, 4)]
+    >>> sum(part.has("drive_0012.png") for part in quarters)  # every picture is in one of them
+    1
+    """
 
     number: int
     count: int
@@ -92,6 +105,11 @@ class PictureSet:
     assumed, how much of it, and what is doubtful. chosen: which targets count, in words; "" for all. folder: of its
     files. whole: the set that these pictures are a part of, of_part: which one, see :meth:`part`. Raises
     ``ValueError`` for a name that occurs twice: results are told apart by it.
+
+    >>> from blurnoise_eval import datasets
+    >>> pictures = datasets.rendered_signs((50,), count=8)
+    >>> len(pictures), dict(pictures.categories), pictures.part("1/2").every is pictures
+    (8, {'stop sign': 1}, True)
     """
 
     kind: str

@@ -37,6 +37,12 @@ class Detector(OnnxModel):
     Attributes: ``contract``, ``family``, ``input_size_px`` (height, width; for "resize" none only what dynamic shapes
     were measured at), ``why`` it is this family, ``takes_bytes``: whether the input is uint8, ``false_shapes``: a
     sentence for each output that has another shape than the graph declares.
+
+    >>> from blurnoise_eval import STOP_SIGN, Detector, datasets
+    >>> detector = Detector(STOP_SIGN)
+    >>> sign = datasets.rendered_signs((80,), count=1).pictures[0]
+    >>> detector.contract.classes, bool(detector.detect(sign.load()).scores.max() > 0.5)
+    (('stop sign',), True)
     """
 
     contract: Contract

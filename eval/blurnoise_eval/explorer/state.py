@@ -19,7 +19,17 @@ from blurnoise._core.rng import LAST_SEED
 from blurnoise.camera import Camera
 from blurnoise.camera.camera_files import FIGURES as FIGURES_OF_CAMERAS
 from blurnoise.camera.figures import CameraFigure
-from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, GAIN, MOVES, VELOCITY, Axis, number
+from blurnoise_eval.plan.axes import (
+    AUTOMATIC,
+    AXES,
+    EGO,
+    GAIN,
+    MOVES,
+    OWN_SPECTRUM,
+    VELOCITY,
+    Axis,
+    number,
+)
 from blurnoise_eval.plan.conditions import Conditions
 
 BUILT_IN, NO_MODEL, GIVEN, OF_RUN = "built-in", "none", "given", "run"
@@ -142,7 +152,7 @@ def text_of(axis: Axis, value: float) -> str:
     if value == AUTOMATIC:
         return "auto"
     if axis.choices:
-        return axis.choices[int(value)]
+        return axis.choice(value)
     shown = axis.shown(value)
     # The unit's division rounds, so the number that gives these bits may be a neighbour of the quotient.
     neighbours = (shown, *(math.nextafter(shown, end) for end in (-math.inf, math.inf)))
@@ -222,7 +232,7 @@ def controls(camera: Camera, tested: Mapping[str, Sequence[float]] | None = None
 def _values(axis: Axis, camera: Camera) -> tuple[float, ...]:
     """The values of a slider: over the axis's span, or around the camera's own value, within the limits."""
     if axis.choices:
-        return tuple(map(float, range(len(axis.choices))))
+        return tuple(float(index) for index, name in enumerate(axis.choices) if name != OWN_SPECTRUM)
     least, most, own = map(axis.shown, (axis.low, axis.high, axis.own(camera)))
     low, high = 0.0, own * 4 if own > 0 else 1.0
     if axis.span is not None:

@@ -24,7 +24,11 @@ AUTOMATIC = math.inf
 
 
 def number(text: str | float, *, automatic: bool = False) -> float:
-    """A finite number, or ``AUTOMATIC`` for "auto" where that is allowed. Raises ``ValueError``."""
+    """A finite number, or ``AUTOMATIC`` for "auto" where that is allowed. Raises ``ValueError``.
+
+    >>> number("12.5"), number("auto", automatic=True) == AUTOMATIC
+    (12.5, True)
+    """
     if automatic and isinstance(text, str) and text.strip() == "auto":
         return AUTOMATIC
     try:
@@ -37,7 +41,11 @@ def number(text: str | float, *, automatic: bool = False) -> float:
 
 
 def bounds(text: str) -> tuple[float, float]:
-    """The numbers of "low:high", or one number for both. Raises ``ValueError``."""
+    """The numbers of "low:high", or one number for both. Raises ``ValueError``.
+
+    >>> bounds("2:50"), bounds("5")
+    ((2.0, 50.0), (5.0, 5.0))
+    """
     low, colon, high = str(text).partition(":")
     try:
         return float(low), float(high if colon else low)
@@ -91,9 +99,10 @@ class Axis:
     own: the camera's value. default: the values of a sweep; none: the camera's. default_names: a name for each of
     these. automatic: the camera may set it itself, see ``AUTOMATIC``. without: axes that lose their default where
     this one is specified. choices: the names of an axis of names; its values are their indices, 0, 1, ..., but
-    files and options have the names; captions: of the choices. fails: more of it is worse, so that from some value
-    on a model fails for good. logarithmic: how it is drawn. span: the ends of a slider, in the option's unit; None:
-    around the camera's value.
+    files and options have the names; captions: of the choices. prefix: of numbers that an axis of names also has,
+    "planck:" for planck:2856; they are values themselves, from ``least_number`` on, above every index. fails: more of
+    it is worse, so that from some value on a model fails for good. logarithmic: how it is drawn. span: the ends of a
+    slider, in the option's unit; None: around the camera's value.
 
     >>> axis("exposure_s").values("1,10"), axis("exposure_s").text(0.0125)
     ((0.001, 0.01), '12.5 ms')
@@ -120,6 +129,8 @@ class Axis:
     default_names: tuple[str, ...] = ()
     choices: tuple[str, ...] = ()
     captions: tuple[str, ...] = ()
+    prefix: str = ""
+    least_number: float = math.inf
     without: tuple[str, ...] = ()
     span: tuple[float, float] | None = None
 
@@ -144,11 +155,25 @@ class Axis:
         return in_range(self.name, value, self.low, self.high, above=self.positive) + 0.0  # type: ignore[arg-type]
 
     def choice_index(self, choice: float | str) -> float:
-        """The index of a choice, given by its name or index. Raises ``ValueError`` that lists the choices."""
+        """The value of a choice, given by its name in any case or by its value. Raises ``ValueError`` that lists the
+        choices."""
+        word = choice.strip().lower() if isinstance(choice, str) else choice
         for index, name in enumerate(self.choices):
-            if choice in (name, index):
+            if word in (name.lower(), index):
                 return float(index)
-        raise ValueError(f"{self.name} = {choice!r}: must be one of {', '.join(self.choices)}")
+        if self.prefix and isinstance(word, str) and word.startswith(self.prefix):
+            from blurnoise._core.checks import in_range
+
+            stated = number(word.removeprefix(self.prefix))
+            return in_range(f"{self.name} = {self.prefix}", stated, self.least_number, self.high)
+        if self.prefix and isinstance(word, float | int) and self.least_number <= word <= self.high:
+            return float(word)
+        numbered = f" or {self.prefix}NUMBER" if self.prefix else ""
+        raise ValueError(f"{self.name} = {choice!r}: must be one of {', '.join(self.choices)}{numbered}")
+
+    def choice(self, value: float) -> str:
+        """The name of a value of an axis of names."""
+        return self.choices[int(value)] if value < self.least_number else f"{self.prefix}{value:.15g}"
 
     @property
     def key(self) -> str:
@@ -195,14 +220,18 @@ class Axis:
         """The value as it is typed."""
         if self.automatic and value == AUTOMATIC:
             return "auto"
-        return self.choices[int(value)] if self.choices else f"{self.shown(value):g}"
+        return self.choice(value) if self.choices else f"{self.shown(value):g}"
 
     def text(self, value: float) -> str:
         """The value for captions, unit included."""
         if self.automatic and value == AUTOMATIC:
             return f"automatic {self.title.lower()}"
         if self.choices:
-            return self.captions[int(value)]
+            return (
+                self.captions[int(value)]
+                if value < self.least_number
+                else self.caption.format(self.choice(value))
+            )
         return self.caption.format(_positional(self.shown(value), self.digits))
 
     def slug(self, value: float) -> str:
@@ -213,7 +242,12 @@ class Axis:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A quantity to draw against that follows from the axes; ``of`` computes it from a row of a table."""
+    """A quantity to draw against that follows from the axes; ``of`` computes it from a row of a table.
+
+    >>> row = {"velocity_x_px_s": 400.0, "velocity_y_px_s": 300.0, "exposure_s": 0.01}
+    >>> BLUR.of(row), BLUR.text(BLUR.of(row))  # 500 px/s for 10 ms
+    (5.0, 'blur 5 px')
+    """
 
     name: str
     title: str
@@ -224,7 +258,11 @@ class Coordinate:
 
 
 def milliseconds(exposure_s: float, digits: int = 3) -> str:
-    """An exposure in ms, with at most so many digits: '2.5'."""
+    """An exposure in ms, with at most so many digits: '2.5'.
+
+    >>> milliseconds(0.0025), milliseconds(1 / 30)
+    ('2.5', '33.3')
+    """
     return _positional(1e3 * exposure_s, digits)
 
 
@@ -235,6 +273,12 @@ def _positional(value: float, digits: int) -> str:
     return np.format_float_positional(value, digits, fractional=False, trim="-")
 
 
+OWN_SPECTRUM = "own"
+"""The choice of an illuminant that is the plan's own curve."""
+ILLUMINANTS = (  # of blurnoise.camera.spectra; a test compares them. Cells' ids are made of the places: append only.
+    "D50", "D55", "D65", "D75", "led-2700", "led-3000", "led-4000", "led-5000", "led-6500", "sodium", "metal-halide",
+    "low-pressure-sodium", "halogen", OWN_SPECTRUM,
+)  # fmt: skip
 AXES: tuple[Axis, ...] = (
     Axis(
         "exposure_s", "exposure_s", "--exposure-ms",
@@ -247,6 +291,14 @@ AXES: tuple[Axis, ...] = (
         "illuminance_lux", "illuminance_lux", "--lux", "illuminance of the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
         "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=(*usual.ILLUMINANCE_LUX.values(),),
         default_names=(*usual.ILLUMINANCE_LUX,), span=(0.1, 200_000.0),
+    ),
+    Axis(
+        "illuminant", "illuminant", "--illuminant",
+        f"spectrum of the light: {', '.join(ILLUMINANTS[:-1])}, planck:KELVIN, or a CSV file of nm and power "
+        "(default: D55)",
+        "Spectrum", "", 1.0, 0.0, 1e6, "{} light", "{}-light", own=lambda camera: float(ILLUMINANTS.index("D55")),
+        choices=ILLUMINANTS, captions=tuple(f"{name} light" for name in ILLUMINANTS),
+        prefix="planck:", least_number=300.0,
     ),
     Axis(
         "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",
@@ -304,7 +356,7 @@ INDEX: Mapping[str, int] = {name: index for index, name in enumerate(NAMES)}
 """Where an axis stands in ``AXES``."""
 FURTHER: tuple[str, ...] = tuple(name for name in NAMES if name not in CORE)
 """The other axes: where they are not specified, the camera's value holds."""
-CHOICES: Mapping[str, tuple[str, ...]] = {axis.name: axis.choices for axis in AXES if axis.choices}
+CHOICES: Mapping[str, Axis] = {axis.name: axis for axis in AXES if axis.choices}
 """The axes of names."""
 SETTING: tuple[str, ...] = tuple(name for name in NAMES if name not in ("exposure_s", *VELOCITY))
 """Axes that stay the same over a surface of exposures and velocities."""
@@ -343,7 +395,11 @@ class OnAxes(Mapping[str, float | None]):
 
 
 def axis(name: str) -> Axis:
-    """The axis of this name. Raises ``ValueError`` that lists the names."""
+    """The axis of this name. Raises ``ValueError`` that lists the names.
+
+    >>> axis("exposure_s").values("2,10"), axis("exposure_s").text(0.01)
+    ((0.002, 0.01), '10 ms')
+    """
     for axis in AXES:
         if axis.name == name:
             return axis
@@ -351,8 +407,12 @@ def axis(name: str) -> Axis:
 
 
 def named(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row as files have it: choices by their names."""
-    return {**row, **{name: CHOICES[name][int(row[name])] for name in CHOICES if row.get(name) is not None}}
+    """A row as files have it: choices by their names.
+
+    >>> named({"exposure_s": 0.01, "moves": 1.0})
+    {'exposure_s': 0.01, 'moves': 'targets'}
+    """
+    return {**row, **{name: CHOICES[name].choice(row[name]) for name in CHOICES if row.get(name) is not None}}
 
 
 def setting_of(row: Mapping[str, Any]) -> tuple[float, ...]:
@@ -361,12 +421,20 @@ def setting_of(row: Mapping[str, Any]) -> tuple[float, ...]:
 
 
 def velocity_of(row: Mapping[str, Any]) -> tuple[float, float]:
-    """(x, y) px/s of a row."""
+    """(x, y) px/s of a row.
+
+    >>> velocity_of({"velocity_x_px_s": 400.0, "velocity_y_px_s": 0.0})
+    (400.0, 0.0)
+    """
     return row["velocity_x_px_s"], row["velocity_y_px_s"]
 
 
 def blur_px(row: Mapping[str, Any]) -> float:
-    """Length of a row's motion blur, px. 0 with ego-motion, where each part of the picture has its own."""
+    """Length of a row's motion blur, px. 0 with ego-motion, where each part of the picture has its own.
+
+    >>> blur_px({"velocity_x_px_s": 300.0, "velocity_y_px_s": 400.0, "exposure_s": 0.01})
+    5.0
+    """
     import numpy as np
 
     return float(np.hypot(row["velocity_x_px_s"], row["velocity_y_px_s"]) * row["exposure_s"])
@@ -379,15 +447,21 @@ SPEED = Coordinate(
 
 
 def velocity_text(velocity_px_s: tuple[float, float]) -> str:
-    """'400 px/s' for motion to the right, '(300, -400) px/s' for any other direction."""
+    """'400 px/s' for motion to the right, '(300, -400) px/s' for any other direction.
+
+    >>> velocity_text((400.0, 0.0)), velocity_text((300.0, -400.0))
+    ('400 px/s', '(300, -400) px/s')
+    """
     x, y = velocity_px_s
     return f"{x:g} px/s" if y == 0 and x >= 0 else f"({x:g}, {y:g}) px/s"
 
 
-EXPOSURE, LIGHT, GAIN, MOVES, EGO = map(
-    axis, ("exposure_s", "illuminance_lux", "gain_db", "moves", "ego_speed_m_s")
+EXPOSURE, LIGHT, SPECTRUM, GAIN, MOVES, EGO = map(
+    axis, ("exposure_s", "illuminance_lux", "illuminant", "gain_db", "moves", "ego_speed_m_s")
 )
 EGO_SPEED = Coordinate(
     EGO.name, "Speed", EGO.unit, lambda row: EGO.shown(row[EGO.name]), lambda value: f"{value:g} km/h"
 )
+LIT = tuple(name for name in ("illuminant", "headlamp") if name in NAMES)
+"""Axes on which a named light has values."""
 SETTING_AXES: tuple[Axis, ...] = tuple(map(axis, SETTING))

@@ -18,6 +18,8 @@ from blurnoise_eval.plan.axes import (
     CORE,
     EGO,
     NAMES,
+    OWN_SPECTRUM,
+    SPECTRUM,
     OnAxes,
     axis,
     blur_px,
@@ -26,6 +28,7 @@ from blurnoise_eval.plan.axes import (
 
 if TYPE_CHECKING:
     from blurnoise.camera import Camera
+    from blurnoise.camera.spectra import Curve
     from blurnoise.motion.ego import Vehicle
     from blurnoise.scene.exposure import Exposure
 
@@ -112,11 +115,19 @@ class Conditions(OnAxes):
         """The axes on which the camera sets the value itself."""
         return frozenset(name for name, value in self.specified.items() if value == AUTOMATIC)
 
-    def exposure(self, camera: Camera, seed: int = 0, *, vehicle: Vehicle | None = None) -> Exposure:
+    def exposure(
+        self,
+        camera: Camera,
+        seed: int = 0,
+        *,
+        vehicle: Vehicle | None = None,
+        spectrum: Curve | None = None,
+    ) -> Exposure:
         """The simulator's exposure, with ``camera`` changed where the conditions specify its lens.
 
         Automatic gain and exposure are 0 dB and 1 ms here, until the picture is metered. vehicle: the one that drives
-        at the ego speed, by default the usual one.
+        at the ego speed, by default the usual one. spectrum: of the illuminant "own". Raises ``ValueError`` where
+        there is none.
         """
         from blurnoise.motion.ego import USUAL_VEHICLE
         from blurnoise.scene.exposure import Exposure
@@ -129,11 +140,15 @@ class Conditions(OnAxes):
             field, _, part = each.into.partition(".")
             value = _STAND_INS[each.name] if each.automatic and value == AUTOMATIC else value
             if each.choices:
-                fields[field] = each.choices[int(value)]
+                fields[field] = each.choice(value)
             elif field == "camera":
                 lens[part] = value
             else:  # components of a vector are in order in AXES
                 fields[field] = (*fields.get(field, ()), value) if part else value
+        if fields.get(SPECTRUM.into) == OWN_SPECTRUM:
+            if spectrum is None:
+                raise ValueError(f"illuminant = {OWN_SPECTRUM}: needs a CSV file of nm and power")
+            fields[SPECTRUM.into] = spectrum
         return Exposure(with_lens(camera, **lens), **fields, seed=seed, vehicle=vehicle or USUAL_VEHICLE)
 
 

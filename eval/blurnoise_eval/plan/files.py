@@ -113,9 +113,6 @@ class SceneFile(ExposureSettings):
     object_dx: float = setting(0.0, "motion of the object to the right, px/s; dx moves the rest")
     object_dy: float = setting(0.0, "motion of the object down, px/s")
     plate: Text | None = setting(None, "picture of the scene without the object (default: inpainted)")
-    illuminant: Text = setting(
-        "D55", "spectrum of the light: D50, D55, D65, D75, planck:KELVIN, or a CSV file of nm and power"
-    )
     emitters: Text | None = setting(
         None, "MASK.png:FACTOR: lamps; the white part of the mask is that much brighter"
     )
@@ -140,7 +137,7 @@ class SceneFile(ExposureSettings):
 
     def at(self) -> dict[str, float]:
         """The value of each axis, in SI units. Raises ``ValueError``."""
-        found = dict.fromkeys(VELOCITY, (0.0,)) | {name: self.values(name) for name in self.grid}
+        found = dict.fromkeys(VELOCITY, (0.0,)) | self.spanned
         for name, values in found.items():
             if len(values) > 1:
                 raise ValueError(f"{axis(name).key}: must be one value; a sweep takes several")

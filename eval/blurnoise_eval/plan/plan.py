@@ -16,13 +16,18 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 from annotated_types import Ge, Le
 from pydantic import BeforeValidator
 
+from blurnoise.light.lights import Light, names_of_lights
 from blurnoise_eval.plan.axes import (
     AUTOMATIC,
     AXES,
     CORE,
     EGO,
     EXPOSURE,
+    LIGHT,
+    LIT,
     MOVES,
+    OWN_SPECTRUM,
+    SPECTRUM,
     VELOCITY,
     Axis,
     axis,
@@ -30,11 +35,19 @@ from blurnoise_eval.plan.axes import (
 )
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.lamps import Lamps
-from blurnoise_eval.plan.reading import anchor_of, tone_of, trajectory_of
+from blurnoise_eval.plan.reading import (
+    anchor_of,
+    curve_of,
+    named_lights_of,
+    spectra_of,
+    tone_of,
+    trajectory_of,
+)
 from blurnoise_eval.plan.settings import SettingInfo, Settings, late, nested, setting
 
 if TYPE_CHECKING:
     from blurnoise.camera.colour import PictureTone
+    from blurnoise.camera.spectra import Curve
     from blurnoise.motion.ego import Vehicle
     from blurnoise.scene.metering import AutoExposure
     from blurnoise_eval.plan.objects import ObjectSettings
@@ -47,6 +60,7 @@ else:
     ObjectSettings = late("blurnoise_eval.plan.objects", "ObjectSettings")
     PictureTone = Annotated[Any, BeforeValidator(tone_of)]
     Anchor = Annotated[Any, BeforeValidator(anchor_of)]
+    Curve = Any
     TrajectorySpec = Annotated[Any, BeforeValidator(trajectory_of)]
 
 MOST_CONDITIONS = 1_000_000
@@ -60,7 +74,10 @@ class ExposureSettings(Settings):
     """Conditions, and how pictures are exposed under all of them: what a sweep and a single picture share.
 
     grid: by axis, values in SI units. In files and options each axis of ``AXES`` is a setting of its own, in the
-    option's unit, with the axis's default. vehicle: drives at the speeds on the axis ``ego_speed_m_s``.
+    option's unit, with the axis's default. light: named lights, in place of values of ``illuminance_lux``: the grid
+    has theirs, and conditions of each have its spectrum (and headlamps), unless the grid has these. own_spectrum: the
+    illuminant "own", which a CSV file among the illuminants becomes. vehicle: drives at the speeds on the axis
+    ``ego_speed_m_s``.
     auto_exposure: sets gain and exposure where they are automatic. trajectory: motion in addition to the velocity.
     grey_anchor: the part of a picture that reflects 18 %; None: brightness is reflectance. picture_tone: the curve
     that codes pictures. hdr_white: the light that is white in the merged picture of a camera of several captures.
@@ -71,6 +88,8 @@ class ExposureSettings(Settings):
     METAVAR: ClassVar[str] = "LIST"
 
     grid: Mapping[str, Iterable[float]] = field(default_factory=dict, kw_only=False)
+    light: tuple[Light, ...] = ()
+    own_spectrum: Curve | None = None
     vehicle: Vehicle | None = setting(
         None, "position and orientation of the camera on a vehicle that drives (ego_kmh)"
     )
@@ -105,6 +124,9 @@ class ExposureSettings(Settings):
 
         integer("seed", self.seed, 0, LAST_SEED)
         super().__post_init__()
+        object.__setattr__(self, "light", named_lights_of(self.light))
+        object.__setattr__(self, "own_spectrum", curve_of(self.own_spectrum))
+        self._check_light()
         if self.auto_exposure is None:  # its module is heavy, so that no field can have it as default
             from blurnoise.scene.metering import USUAL
 
@@ -116,20 +138,68 @@ class ExposureSettings(Settings):
             names = f": {', '.join(each.default_names)}" if each.default_names else ""
             default = f" (default: {each.default_text}{names})" if each.default else ""
             metavar = f"auto|{cls.METAVAR}" if each.automatic else "|".join(each.choices) or cls.METAVAR
+            metavar = "NAME,..." if each.prefix else metavar  # of many names, which its line lists
             yield SettingInfo(each.key, str, None, f"{each.about}{default}", metavar, cls.PANEL)
+            if each.name != LIGHT.name:
+                continue
+            about = f"named lights, each with its spectrum, in place of lux: {', '.join(names_of_lights())}"
+            yield SettingInfo("light", str, None, f"{about}; see 'blurnoise lights'", "NAME,...", cls.PANEL)
         yield from super()._settings()
 
     @classmethod
     def _arguments(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        curve = None
+        if SPECTRUM.key in values:
+            stated, curve = spectra_of(values[SPECTRUM.key])
+            values = {**values, SPECTRUM.key: stated}
         chosen = {each: _values(each, values[each.key]) for each in cls.AXES if each.key in values}
         replaced = {name for each in chosen for name in each.without}
+        light = values.get("light") or ()
+        if light:
+            if LIGHT.key in values:
+                raise ValueError("light, lux: must not be combined; a light has its own lux")
+            replaced.add(LIGHT.name)
         usual = {each: each.default for each in cls.AXES if each.default and each.name not in replaced}
         grid = {each.name: (usual | chosen)[each] for each in cls.AXES if each in usual | chosen}
-        return {"grid": grid, **super()._arguments(values)}
+        return {"grid": grid, "light": light, "own_spectrum": curve, **super()._arguments(values)}
 
     def values(self, name: str) -> tuple[float, ...]:
         """The values on an axis, increasing; none where the camera has its own."""
         return tuple(self.grid.get(name, ()))
+
+    def _check_light(self) -> None:
+        """Give the grid the lux of the lights. Raises ``ValueError`` where it has others."""
+        if self.light:
+            lux = tuple(light.lux for light in self.light)
+            if not set(self.values(LIGHT.name)) <= set(lux):
+                raise ValueError("light, illuminance_lux: must not be combined; a light has its own lux")
+            object.__setattr__(self, "grid", {**self.grid, LIGHT.name: lux})
+        if self.own_spectrum is None and self._own_index in self.values(SPECTRUM.name):
+            raise ValueError(f"illuminant = {OWN_SPECTRUM}: needs a CSV file of nm and power, by its path")
+
+    @property
+    def _own_index(self) -> float:
+        return SPECTRUM.choice_index(OWN_SPECTRUM)
+
+    def light_at(self, illuminance_lux: float) -> Light | None:
+        """The named light of that lux; None where the plan names none."""
+        return next((light for light in self.light if light.lux == illuminance_lux), None)
+
+    def of_light(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of a condition by axis, with those that its named light has on axes which the grid leaves out."""
+        light = self.light_at(values[LIGHT.name]) if self.light else None
+        if light is None:
+            return dict(values)
+        own = {name: getattr(light, name) for name in LIT if name not in self.grid}
+        return {**{name: axis(name).choice_index(value) for name, value in own.items()}, **values}
+
+    @property
+    def spanned(self) -> dict[str, tuple[float, ...]]:
+        """The grid, with the values that its named lights have on axes which it leaves out."""
+        of_lights = [self.of_light({LIGHT.name: light.lux}) for light in self.light]
+        names = dict.fromkeys(name for each in of_lights for name in each if name != LIGHT.name)
+        further = {name: tuple(sorted({each[name] for each in of_lights})) for name in names}
+        return {name: self.values(name) for name in self.grid} | further
 
 
 def _values(of: Axis, given: Any) -> tuple[float, ...]:
@@ -276,9 +346,9 @@ class SweepPlan(ExposureSettings):
         conditions = dict.fromkeys(self.only)
         if not self.only and self.direction is None:
             combined = product(*(self.values(name) for name in self.grid))
-            conditions = {
-                Conditions(**dict(zip(self.grid, values, strict=True))): None for values in combined
-            }
+            conditions = dict.fromkeys(
+                Conditions(**self.of_light(dict(zip(self.grid, values, strict=True)))) for values in combined
+            )
         return sorted(conditions, key=lambda at: (at.blurs_as, at.exposure_s, setting_of(at)))
 
     def example_conditions(self) -> set[Conditions]:
@@ -304,6 +374,10 @@ class SweepPlan(ExposureSettings):
             values["lamps"] = asdict(self.lamps)
         if self.hdr_white != 1:
             values["hdr_white"] = self.hdr_white
+        if self.own_spectrum is not None:
+            values["own_spectrum"] = asdict(self.own_spectrum)
+        if self.light:
+            values["light"] = [asdict(light) for light in self.light]
         if self.direction is not None:
             further = {name: self.values(name)[0] for name in self.grid}
             return values | {"further": further, "direction": self.direction}

@@ -5,12 +5,16 @@ Each raises ``ValueError`` of one line. Heavy modules are imported once there is
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from blurnoise_eval.plan.axes import OWN_SPECTRUM
+
 if TYPE_CHECKING:
     from blurnoise.camera.colour import PictureTone
+    from blurnoise.camera.spectra import Curve
+    from blurnoise.light.lights import Light
     from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
 _TONES = ("srgb", "linear", "filmic")
@@ -54,6 +58,48 @@ def anchor_of(given: Any) -> str | None:
     from blurnoise.scene.metering import GreyAnchor
 
     return None if given is None else str(GreyAnchor.parse(given))
+
+
+def named_lights_of(given: Any) -> tuple[Light, ...]:
+    """Named lights from "NAME,NAME", a list of names, records, or the fields of records as a run has them.
+
+    >>> [light.name for light in named_lights_of("dusk,street")]
+    ['street', 'dusk']
+    """
+    from blurnoise.light.lights import Light, lights_of
+
+    if isinstance(given, str | Light):
+        given = [given] if isinstance(given, Light) else given.split(",")
+    if not isinstance(given, Iterable):
+        raise ValueError(f"light = {given!r}: must be names, such as street,dusk")
+    return lights_of(Light(**each) if isinstance(each, Mapping) else each for each in given)
+
+
+def spectra_of(given: Any) -> tuple[list[Any], Curve | None]:
+    """Illuminants as an option or a file has them, with "own" in place of a CSV file, and the curve of that file.
+
+    Raises ``ValueError`` for several files, ``OSError`` for one that cannot be read.
+    """
+    from blurnoise.camera.spectra import Curve
+
+    listed = given if isinstance(given, list | tuple) else [given]
+    parts = [part for each in listed for part in (each.split(",") if isinstance(each, str) else [each])]
+    files = [
+        part.strip() for part in parts if isinstance(part, str) and part.strip().lower().endswith(".csv")
+    ]
+    if len(set(files)) > 1:
+        raise ValueError(f"illuminant = {','.join(files)}: must be one CSV file at most")
+    stated = [OWN_SPECTRUM if isinstance(part, str) and part.strip() in files else part for part in parts]
+    return stated, Curve.from_csv(files[0]) if files else None
+
+
+def curve_of(given: Any) -> Curve | None:
+    """A spectrum from a curve, or from the fields of one as a run has them."""
+    from blurnoise.camera.spectra import Curve
+
+    if given is None or isinstance(given, Curve):
+        return given
+    return Curve(*(tuple(map(float, given[name])) for name in ("wavelengths_nm", "values")))
 
 
 def trajectory_of(given: Any) -> TrajectorySpec | None:

@@ -18,6 +18,9 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_ori
 
 from pydantic import BeforeValidator, ValidationInfo
 
+_IN_PLACE_OF = {"light": "lux", "lux": "light"}
+"""Settings of a file that give way to an option which says the same in another way."""
+
 
 class SettingInfo(NamedTuple):
     """A setting as files and options have it. kind: int, float, a tuple of texts, or anything else; default: None
@@ -180,6 +183,7 @@ class Settings:
                 known("setting", name, cls.settings())
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
+        values = {name: value for name, value in values.items() if _IN_PLACE_OF.get(name) not in options}
         try:
             return cls.of({**values, **options})
         except (TypeError, ValueError) as error:

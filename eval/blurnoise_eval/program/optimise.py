@@ -218,6 +218,11 @@ def best_stages(
     Gains have the same steps as times, so a program is a path on a lattice of time steps i and gain steps j that
     begins at (0, 0), and a stage is a rise in time followed by a rise in gain. A light that asks for n steps is met
     where the path has i + j = n. Dynamic programming finds the best path of each number of stages.
+
+    >>> worth = np.array([[0.9, 0.5], [0.2, 0.8]])  # a bright light is best at 1 ms, a dark one at 2 ms
+    >>> programs = best_stages(worth, totals_s=[0.001, 0.002], times_s=[0.001, 0.002], most_gain=1.0)
+    >>> programs[-1][0].times_s, round(programs[-1][1], 3)
+    ((0.001, 0.002), 1.7)
     """
     n_times = len(times_s)
     step = math.log2(times_s[1] / times_s[0]) if n_times > 1 else 0.125

@@ -108,7 +108,11 @@ class Scenario:
 
 
 def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
-    """Lights from low to high, both included, at most half a stop apart. Raises ``ValueError``."""
+    """Lights from low to high, both included, at most half a stop apart. Raises ``ValueError``.
+
+    >>> [round(lux, 2) for lux in half_stops(1.0, 4.0)]
+    [1.0, 1.41, 2.0, 2.83, 4.0]
+    """
     if not 0 < limited("illuminance_lux", low_lux) <= limited("illuminance_lux", high_lux):
         raise ValueError(f"lux = {low_lux:g}:{high_lux:g}: must be above 0 and rise")
     return tuple(exposures_on((low_lux, high_lux), LIGHTS_PER_STOP).tolist())

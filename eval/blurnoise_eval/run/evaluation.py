@@ -86,6 +86,16 @@ def evaluate(
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
     (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read. Raises ``OSError`` where
     the run cannot be written, or would replace a file that is not its own.
+
+    >>> import tempfile
+    >>> from blurnoise_eval import SweepPlan, datasets, evaluate
+    >>> def find(picture):  # in place of a network
+    ...     return [(10, 10, 60, 60)], [0.9], ["stop sign"]
+    >>> plan = SweepPlan({"exposure_s": (0.001, 0.01), "illuminance_lux": (50.0,)})
+    >>> pictures = datasets.rendered_signs((50,), count=1)
+    >>> run = evaluate(find, pictures, "imx250", plan, output=tempfile.mkdtemp(), strategy="grid")
+    >>> len(run.cells)  # one picture: the original, and two exposures
+    3
     """
     folder = working_folder(output)
     computed_by = engine_of(engine) if isinstance(engine, str) else engine
@@ -177,19 +187,19 @@ def _opened(models: Any, pictures: PictureSet | None) -> list[Model]:
     if not each:
         raise ValueError("models = []: must contain at least one model")
     opened = iter(open_models([model for model in each if isinstance(model, (str, Path))]))
-    found: list[Model] = []
+    models_found: list[Model] = []
     for model in each:
         if isinstance(model, (str, Path)):
-            found.append(next(opened))
+            models_found.append(next(opened))
         elif isinstance(model, Detector) or hasattr(model, "read"):
-            found.append(model)
+            models_found.append(model)
         else:
-            found.append(_of_python(model, pictures))
-    if len({isinstance(model, Detector) for model in found}) > 1:
+            models_found.append(_of_python(model, pictures))
+    if len({isinstance(model, Detector) for model in models_found}) > 1:
         raise ValueError(
             "models: must be detectors or text readers, not both; evaluate them in separate runs"
         )
-    return found
+    return models_found
 
 
 def _of_python(model: Any, pictures: PictureSet | None) -> Model:

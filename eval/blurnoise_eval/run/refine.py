@@ -83,7 +83,7 @@ class Refine:
             if measured < most and (exposure_s := model.next_exposure()) is not None:
                 wanted += [(at, exposure_s) for at in product(*(self.plan.grid[name] for name in names))]
         chosen = [
-            Conditions(**dict(zip(names, at, strict=True)), exposure_s=exposure_s)
+            Conditions(**self.plan.of_light(dict(zip(names, at, strict=True))), exposure_s=exposure_s)
             for at, exposure_s in wanted
         ]
         noted = {at for batch in run.setup.batches for at in batch.conditions}

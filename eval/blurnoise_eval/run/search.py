@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 def search(plan: SweepPlan, camera: Camera) -> Strategy:
     """A search over the range of a plan's grid, or the grid itself where a search does not hold, or costs more."""
-    space = SearchSpace({name: plan.values(name) for name in plan.grid})
+    space = SearchSpace(plan.spanned)
     most, grid = MOST_NODES + CHECKED, space.grid_conditions
     because = what_breaks(camera, space, plan.trajectory, pulsed=plan.pulsed)
     if not because:
@@ -48,7 +48,9 @@ def search(plan: SweepPlan, camera: Camera) -> Strategy:
         full_grid = replace(space, because=because)
         return Refine(plan, camera, search_space=full_grid, note=f"decide: {'; '.join(because)}")
     further = {name: (value,) for name, value in space.further.items()}
-    nodes = replace(plan, grid=further, only=(), direction=direction_of_all(space.lines), vehicle=None)
+    nodes = replace(
+        plan, grid=further, light=(), only=(), direction=direction_of_all(space.lines), vehicle=None
+    )
     note = f"decide: a search over at most {most} conditions; the grid has {grid}"
     return Search(nodes, camera, space, note)
 

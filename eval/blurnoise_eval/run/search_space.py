@@ -115,6 +115,10 @@ def what_breaks(
         f"the motion has {len(directions)} directions, with another blur in each": len(directions) > 1,
         f"along {path} each exposure sees another part of the path": path is not None,
         "the camera drives, and blur differs across the picture": space.further.get(EGO.name, 0) > 0,
+        "headlamps add to the light what depends on the distance, whatever its lux": space.further.get(
+            "headlamp", 0
+        )
+        > 0,
         "a longer exposure misses fewer pulses of the lamp": pulsed,
         "a capture starts at a fixed time, whatever the exposure": any(
             capture.start_s for capture in camera.sensor.captures

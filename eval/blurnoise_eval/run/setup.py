@@ -151,7 +151,7 @@ class Setup:
     def exposure(self, at: Mapping[str, Any]) -> Exposure:
         """The exposure under the conditions of a row, which is not of an original picture."""
         conditions = Conditions(**{name: at[name] for name in NAMES})
-        return conditions.exposure(self.camera, vehicle=self.plan.vehicle)
+        return conditions.exposure(self.camera, vehicle=self.plan.vehicle, spectrum=self.plan.own_spectrum)
 
     def cell_of(self, row: CellRow) -> Cell:
         """The cell of a row, which is not of an original picture.
@@ -159,7 +159,7 @@ class Setup:
         Raises ``ValueError`` where no condition of the plan has its id.
         """
         # an id is made of the axes that a plan names: those of the grid, or of what was chosen later
-        names = {*CORE, *self.grid}
+        names = {*CORE, *self.grid, *self.plan.spanned}
         of_grid = [Conditions(**{name: row.conditions[name] for name in names})] if self.grid else []
         for at in chain(of_grid, *(batch.conditions for batch in self.batches)):
             cell = Cell(row.image, row.repeat, at, row.seed)

@@ -32,6 +32,11 @@ class Truth:
     coco: annotations and categories as COCO's instances file has them. image_ids: by picture name.
     category_of: a category's id by the model's number for it; other classes do not count. sizes_px: width and
     height by image id.
+
+    >>> coco = {"annotations": [{"image_id": 7, "category_id": 1, "bbox": [0, 0, 10, 10], "area": 100.0}]}
+    >>> truth = Truth({**coco, "categories": [{"id": 1, "name": "sign"}]}, {"a.png": 7}, {0: 1})
+    >>> truth.moved(None).tolist()
+    [[0.0, 0.0, 10.0, 10.0]]
     """
 
     coco: Mapping[str, Any]
@@ -78,7 +83,13 @@ NO_TRUTH, NO_ANSWERS = Truth({"annotations": (), "categories": ()}, {}, {}), Ans
 
 
 class Alarms(NamedTuple):
-    """Of N detections: scores, whether each is right, its cluster; pictures: their number per cluster, (n,)."""
+    """Of N detections: scores, whether each is right, its cluster; pictures: their number per cluster, (n,).
+
+    >>> scores, right = np.array([0.9, 0.8, 0.3, 0.3]), np.array([True, False, True, False])
+    >>> alarms = Alarms(scores, right, cluster=np.array([0, 0, 1, 1]), pictures=np.array([1.0, 1.0]))
+    >>> alarms.false_per_image.value, alarms.confidence_at(0.5)
+    (1.0, 0.3)
+    """
 
     scores: Array
     right: NDArray[np.bool_]
@@ -122,6 +133,10 @@ class Evaluated:
     ``NO_TRUTH`` for a reader. found: in every picture. move_boxes: to where the truth's boxes are here; None: they
     stay. sweep_boxes: to all that these cover during the exposure; None: no more than that. cluster_of: the number of
     a picture's cluster; without, each is its own.
+
+    >>> recalls = {"detection_rate": (np.array([1.0, 2.0]), np.array([2.0, 2.0]))}  # sums, targets
+    >>> Evaluated(recalls).mean("detection_rate").value
+    0.75
     """
 
     sums: Mapping[str, tuple[Array, Array]]
@@ -231,7 +246,12 @@ class Evaluated:
 def coco_results(
     detections: Detections, image_id: int, category_of: Mapping[int, int]
 ) -> Iterator[dict[str, Any]]:
-    """Detections as COCO's results have them, those of classes that have a category."""
+    """Detections as COCO's results have them, those of classes that have a category.
+
+    >>> of_one = Detections(np.array([[10.0, 20.0, 30.0, 50.0]]), np.array([0.5]), np.array([0]))
+    >>> next(coco_results(of_one, image_id=7, category_of={0: 1}))["bbox"]
+    [10.0, 20.0, 20.0, 30.0]
+    """
     columns = xywh(detections.boxes_xyxy), detections.scores, detections.class_ids
     for box, score, class_id in zip(*(each.tolist() for each in columns), strict=True):
         if (category := category_of.get(class_id)) is not None:

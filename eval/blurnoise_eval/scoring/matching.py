@@ -24,7 +24,13 @@ _PAIRS = 1 << 13  # of boxes and targets held against each other at a time: few 
 
 
 class Targets(NamedTuple):
-    """T targets, picture by picture. picture: (T,) the place of each one's; category: (T,) of ``categories``."""
+    """T targets, picture by picture. picture: (T,) the place of each one's; category: (T,) of ``categories``.
+
+    >>> of_picture = [{"category_id": 3, "bbox": [0, 0, 10, 10], "area": 100.0}]
+    >>> targets = Targets.of([of_picture, []])
+    >>> targets.picture.tolist(), targets.categories
+    ([0], [3])
+    """
 
     picture: Places
     boxes_xywh: Array
@@ -36,11 +42,11 @@ class Targets(NamedTuple):
     @classmethod
     def of(cls, pictures: Sequence[Sequence[Mapping[str, Any]]]) -> Targets:
         """COCO's annotations of each picture."""
-        every = [each for own in pictures for each in own]
+        every = [each for some in pictures for each in some]
         categories = sorted({each["category_id"] for each in every})
-        places = {category: place for place, category in enumerate(categories)}
+        places = {category: index for index, category in enumerate(categories)}
         return cls(
-            np.repeat(np.arange(len(pictures)), np.array([len(own) for own in pictures], np.int64)),
+            np.repeat(np.arange(len(pictures)), np.array([len(some) for some in pictures], np.int64)),
             np.array([each["bbox"] for each in every], float).reshape(-1, 4),
             np.array([each["area"] for each in every], float),
             np.array([bool(each.get("iscrowd")) for each in every], bool),
@@ -64,7 +70,7 @@ class Targets(NamedTuple):
     def category_of_class(self, category_of: Mapping[int, int], class_ids: Places) -> tuple[Places, int]:
         """Of each class's number the place of its category, -1 of none, (N,); and how many categories there are, with
         those that have no target. category_of: ids of categories."""
-        places = {category: place for place, category in enumerate(self.categories)}
+        places = {category: index for index, category in enumerate(self.categories)}
         of_class = np.full(max(category_of, default=0) + 2, -1)
         for number, category in category_of.items():
             of_class[number] = places.setdefault(category, len(places))
@@ -74,15 +80,22 @@ class Targets(NamedTuple):
 def target_confidences(
     detections: Detections, boxes_xyxy: ArrayLike, class_ids: ArrayLike
 ) -> NDArray[np.float32]:
-    """Highest score of the right class with an IoU of at least 0.5 with each of N targets, else 0, (N,)."""
+    """Highest score of the right class with an IoU of at least 0.5 with each of N targets, else 0, (N,).
+
+    >>> from blurnoise_eval.detectors.records import Detections
+    >>> boxes = np.array([[0.0, 0.0, 10.0, 10.0], [50.0, 0.0, 60.0, 10.0]])
+    >>> found = Detections(boxes, np.array([0.75, 0.5]), np.array([0, 0]))
+    >>> target_confidences(found, [[1.0, 0.0, 11.0, 10.0], [90.0, 0.0, 95.0, 5.0]], [0, 0]).tolist()
+    [0.75, 0.0]
+    """
     ids, targets = np.asarray(class_ids, np.int64), xywh(boxes_xyxy)
     confidences = np.zeros(len(targets), np.float32)
     step = max(1, _PAIRS // max(1, len(targets)))
     for some in (slice(first, first + step) for first in range(0, len(detections), step)):
         right = ids[:, None] == detections.class_ids[some]
         right &= overlaps(targets[:, None], xywh(detections.boxes_xyxy[some])) >= MATCH_IOU
-        whose, found = np.nonzero(right)
-        np.maximum.at(confidences, whose, detections.scores[some][found])
+        whose, which = np.nonzero(right)
+        np.maximum.at(confidences, whose, detections.scores[some][which])
     return confidences
 
 
@@ -95,6 +108,13 @@ def matched(
     targets that are ignored, among them all crowds. limits: least overlaps, (IoUs,), increasing. A target takes one
     detection, a crowd any number; a detection takes, of the targets still free, the one that it overlaps most, of
     equals the last, and an ignored one only where there is no other.
+
+    >>> of_picture = [{"category_id": 1, "bbox": [0, 0, 10, 10], "area": 100.0}]
+    >>> targets, limits = Targets.of([of_picture]), np.array([0.5])
+    >>> boxes_xywh = np.array([[0.0, 0.0, 10.0, 10.0], [0.0, 0.0, 10.0, 9.0]])  # two answers for one target
+    >>> same = np.zeros(2, int), boxes_xywh, np.zeros(1, int)
+    >>> matched(*same, targets, targets.crowd[None], limits)[0].tolist()
+    [[[True, False]]]
     """
     taken = np.zeros((len(aside), len(limits), len(keys)), bool)
     beside = np.zeros_like(taken)
@@ -113,10 +133,10 @@ def matched(
         value = preference[pairs] + len(preference) * ~aside[:, None, what]
         starts = np.flatnonzero(np.diff(who, prepend=-1))
         best = np.maximum.reduceat(np.where(possible, value, -1), starts, axis=2)
-        area, limit, place = np.nonzero(best >= 0)
-        chosen = target[by_preference[best[area, limit, place] % len(preference)]]
-        taken[area, limit, who[starts][place]] = True
-        beside[area, limit, who[starts][place]] = aside[area, chosen]
+        area, limit, index = np.nonzero(best >= 0)
+        chosen = target[by_preference[best[area, limit, index] % len(preference)]]
+        taken[area, limit, who[starts][index]] = True
+        beside[area, limit, who[starts][index]] = aside[area, chosen]
         free[area, limit, chosen] = False
     return taken, beside
 
@@ -136,6 +156,10 @@ def _spans(lengths: Places, starts: Places) -> Places:
 
 
 def rank(keys: Places) -> Places:
-    """The place of each key among its equals, which stand together."""
+    """The place of each key among its equals, which stand together.
+
+    >>> rank(np.array([4, 4, 4, 7, 7])).tolist()
+    [0, 1, 2, 0, 1]
+    """
     starts = np.flatnonzero(np.diff(keys, prepend=-2))
     return np.asarray(np.arange(len(keys)) - np.repeat(starts, np.diff(starts, append=len(keys))), np.int64)

@@ -82,20 +82,20 @@ def precision(
     for area, ignored in enumerate(aside):
         np.add.at(counted[:, area], (cluster[targets.picture[~ignored]], targets.category[~ignored]), 1)
     number = all_and_without(counted)
-    found = np.zeros((len(number), *right.shape[:2], categories))
+    averages = np.zeros((len(number), *right.shape[:2], categories))
     hits = np.zeros((clusters, right.shape[1], categories))
     whose = cluster[answers.picture[index]]
     by_score = np.lexsort((-answers.scores[index].astype(float), every[index]))
     for category in range(categories):
-        own = by_score[every[index][by_score] == category]
+        of_category = by_score[every[index][by_score] == category]
         for area in range(len(right)):
             recalls = _reached(number[:, area, category])
             for iou in range(right.shape[1]):
-                line = right[area, iou, own], wrong[area, iou, own]
-                found[:, area, iou, category] = _average(*line, whose[own], *recalls)
+                line = right[area, iou, of_category], wrong[area, iou, of_category]
+                averages[:, area, iou, category] = _average(*line, whose[of_category], *recalls)
     for iou in range(right.shape[1]):
         np.add.at(hits[:, iou], (whose[right[0, iou]], every[index][right[0, iou]]), 1)
-    return _over_categories(number, found, all_and_without(hits))
+    return _over_categories(number, averages, all_and_without(hits))
 
 
 def _outside(area_px2: Array, areas_px2: Array) -> Flags:
@@ -103,14 +103,14 @@ def _outside(area_px2: Array, areas_px2: Array) -> Flags:
     return np.asarray((area_px2 < areas_px2[:, :1]) | (area_px2 > areas_px2[:, 1:]))
 
 
-def _over_categories(targets: Array, found: Array, hits: Array) -> Precision:
+def _over_categories(targets: Array, averages: Array, hits: Array) -> Precision:
     """Means over the categories that have targets. targets: (1 + clusters, areas, categories); found: average
     precision (1 + clusters, areas, IoUs, categories); hits: of all areas, (1 + clusters, IoUs, categories)."""
     some = targets > 0
     with np.errstate(invalid="ignore", divide="ignore"):
         number = some.sum(axis=-1)[:, :, None].astype(float)
-        mean = found.sum(axis=-1) / number
-        weighted = (found * targets[:, :, None]).sum(axis=-1) / targets.sum(axis=-1)[:, :, None]
+        mean = averages.sum(axis=-1) / number
+        weighted = (averages * targets[:, :, None]).sum(axis=-1) / targets.sum(axis=-1)[:, :, None]
         recall = np.where(some[:, :1], hits / targets[:, :1], 0.0).sum(axis=-1) / number[:, 0]
     return Precision(mean, recall, weighted - BEYOND * (mean - weighted))
 

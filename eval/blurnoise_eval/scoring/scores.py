@@ -89,22 +89,34 @@ class Score:
         """The score of answers under one condition, undefined where there is nothing to score."""
         if self.by_size is not None:
             return self.by_size(evaluated, "all")
-        found = evaluated.mean(self.name) if self.of is None else self.of(evaluated)
-        return found if isinstance(found, ClusterEstimate) else ClusterEstimate(found)
+        value = evaluated.mean(self.name) if self.of is None else self.of(evaluated)
+        return value if isinstance(value, ClusterEstimate) else ClusterEstimate(value)
 
 
 def of_conditions() -> list[Score]:
-    """Scores of the answers under each condition: the columns of scores.csv."""
+    """Scores of the answers under each condition: the columns of scores.csv.
+
+    >>> "ap50" in [score.name for score in of_conditions()]
+    True
+    """
     return [score for score in SCORES if score.of_pictures]
 
 
 def of_models(kind: str) -> list[Score]:
-    """Scores in the table of models."""
+    """Scores in the table of models.
+
+    >>> [score.name for score in of_models("reader")][:2]
+    ['p', 'mpc']
+    """
     return [score for score in SCORES if kind in score.of_models]
 
 
 def criteria(kind: str) -> list[Score]:
-    """Scores that ``--score`` accepts."""
+    """Scores that ``--score`` accepts.
+
+    >>> [score.name for score in criteria("detector")]
+    ['target_confidence', 'detection_rate', 'ap', 'ap50']
+    """
     return [score for score in SCORES if score.criterion and kind in score.kinds]
 
 

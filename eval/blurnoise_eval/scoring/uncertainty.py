@@ -40,6 +40,10 @@ class ClusterEstimate(NamedTuple):
 
     cautious: the estimate corrected for upward bias at few pictures, where that is known; the interval extends to its
     lower end.
+
+    >>> estimate = mean([1, 2, 3], [2, 4, 4])
+    >>> estimate.value, round(float(estimate.pseudo_values.mean()), 6)
+    (0.6, 0.6)
     """
 
     value: float | None
@@ -54,7 +58,11 @@ class ClusterEstimate(NamedTuple):
 
 
 def ratio_of_sums(sums: ArrayLike, counts: ArrayLike) -> Array:
-    """Sum over clusters of ``sums`` (n, ...) by that of ``counts`` (n, ...), NaN where nothing was measured."""
+    """Sum over clusters of ``sums`` (n, ...) by that of ``counts`` (n, ...), NaN where nothing was measured.
+
+    >>> ratio_of_sums([1, 2], [2, 2]), ratio_of_sums([0, 0], [0, 0])
+    (array(0.75), array(nan))
+    """
     total, count = np.nansum(sums, axis=0), np.nansum(counts, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.where(count > 0, total / count, np.nan))
@@ -64,13 +72,16 @@ def influence(sums: ArrayLike, counts: ArrayLike) -> Array:
     """What each cluster contributes to a ratio of sums, (n, ...), by leaving it out.
 
     NaN for clusters in which nothing is counted nor found: they say nothing of this ratio.
+
+    >>> influence([1, 0], [1, 1])  # leaving the first out makes .5 of the mean 0
+    array([ 0.5, -0.5])
     """
     total, count = np.asarray(sums, float), np.asarray(counts, float)
     with np.errstate(invalid="ignore", divide="ignore"):
         here = np.where((count > 0) | (total > 0), count, np.nan)
         others = (np.nansum(here, axis=0) - here) / (np.isfinite(here).sum(axis=0) - 1)
-        found = (total - ratio_of_sums(total, count) * here) / others
-        return np.asarray(np.where(others > 0, found, np.nan))
+        away = (total - ratio_of_sums(total, count) * here) / others
+        return np.asarray(np.where(others > 0, away, np.nan))
 
 
 def mean(sums: ArrayLike, counts: ArrayLike) -> ClusterEstimate:
@@ -116,6 +127,9 @@ def mean_of(estimates: Sequence[ClusterEstimate]) -> ClusterEstimate:
     """Mean of estimates that are all defined; undefined of none.
 
     A cluster that has no say in one of them leaves that as it is.
+
+    >>> mean_of([ClusterEstimate(0.4), ClusterEstimate(0.6)]).value
+    0.5
     """
     if not estimates:
         return ClusterEstimate(None)
@@ -129,7 +143,11 @@ def mean_of(estimates: Sequence[ClusterEstimate]) -> ClusterEstimate:
 
 
 def ratio(one: ClusterEstimate, other: ClusterEstimate) -> ClusterEstimate:
-    """One estimate by the other; undefined where that is 0. What is cautious in both cancels."""
+    """One estimate by the other; undefined where that is 0. What is cautious in both cancels.
+
+    >>> ratio(ClusterEstimate(0.45), ClusterEstimate(0.9)).value
+    0.5
+    """
     if one.value is None or not other.value:
         return ClusterEstimate(None)
     value = one.value / other.value
@@ -146,7 +164,11 @@ class Ends(NamedTuple):
 
 
 def student_t(n: ArrayLike, confidence: float = CONFIDENCE) -> Array:
-    """Student's t for n clusters, two-sided; NaN below 2."""
+    """Student's t for n clusters, two-sided; NaN below 2.
+
+    >>> student_t([8, 1000]).round(2).tolist()
+    [2.36, 1.96]
+    """
     from scipy.special import stdtrit  # takes 0.1 s
 
     count = np.asarray(n, float)
@@ -181,6 +203,9 @@ def pictures_needed(margin: float, spread: float, away: float, most: int) -> int
     spread: standard deviation of the clusters' influence. away: distance from the mean to the bound at that end.
     Of the clusters' random weights (exponential, n of them) the sum by their margins is taken for normal, of variance
     n (margin^2 + spread^2); against it pulls the unseen cluster, of weight Gamma(``UNSEEN``).
+
+    >>> pictures_needed(margin=0.1, spread=0.3, away=0.7, most=9999), pictures_needed(0.2, 0.3, 0.7, 9999)
+    (43, 15)
     """
     from scipy.special import gammaincinv, ndtr  # takes 0.1 s
 
@@ -206,6 +231,11 @@ def of_level(
     known, and the greatest value of a cluster, or 1, serves. sigma: standard deviation (...) of a mean that is
     predicted, beside what clusters differ by; the squares of half-widths add. clusters: how many they are worth,
     where sizes differ, as :func:`effective`.
+
+    >>> away = np.array([0.3, -0.3] * 10)
+    >>> low, high = of_level(0.6, away)
+    >>> 0.4 < float(low) < 0.6 < float(high) < 0.8
+    True
     """
     middle, half = np.asarray(mean, float), NORMAL * np.asarray(sigma, float)
     known = enough(np.isfinite(np.asarray(influence, float)).sum(axis=0)) & enough(clusters)
@@ -221,7 +251,12 @@ def of_level(
 
 
 def of_difference(mean: ArrayLike, influence: ArrayLike, confidence: float = CONFIDENCE) -> Ends:
-    """Student's interval of a difference paired by cluster, or of what has no bounds."""
+    """Student's interval of a difference paired by cluster, or of what has no bounds.
+
+    >>> low, high = of_difference(0.1, np.array([0.2, -0.2] * 10))
+    >>> bool(low < 0.1 < high), round(float(high - 0.1), 3)  # t times .2 / sqrt(19)
+    (True, 0.096)
+    """
     n, error = _summary(influence)
     middle, half = np.asarray(mean, float), student_t(n, confidence) * error
     return Ends(*(np.where(enough(n), end, np.nan) for end in (middle - half, middle + half)))
@@ -231,6 +266,9 @@ def interval_of(estimate: ClusterEstimate, most: float | None) -> tuple[float | 
     """The 95 % interval of an estimate, None from too few clusters.
 
     most: the greatest value that it can have, as of :func:`of_level`; None of a difference.
+
+    >>> interval_of(ClusterEstimate(0.5, np.zeros(7)), 1.0)  # seven clusters are too few
+    (None, None)
     """
     value, away = estimate.value, estimate.influence
     if value is None or away is None or not math.isfinite(value):
@@ -244,7 +282,11 @@ def interval_of(estimate: ClusterEstimate, most: float | None) -> tuple[float | 
 
 
 def with_interval(estimate: ClusterEstimate, most: float) -> WithInterval:
-    """An estimate as rows have it."""
+    """An estimate as rows have it.
+
+    >>> with_interval(ClusterEstimate(0.5), 1.0)
+    WithInterval(value=0.5, low=None, high=None)
+    """
     return WithInterval(estimate.value, *interval_of(estimate, most))
 
 

@@ -18,7 +18,6 @@ from blurnoise._core.checks import in_range, integer, limited
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.camera import Camera
 from blurnoise.camera.captures import Capture, staggered
-from blurnoise.camera.spectra import Curve, illuminant
 from blurnoise.light.lamp import Pwm
 from blurnoise.scene.cutting import Cut, Matte, cut_out
 from blurnoise.scene.metering import anchored, mean_luma
@@ -45,8 +44,9 @@ def opened(config: SceneFile, light: Tensor, camera: Camera) -> Opened:
     integer("seed", config.seed, 0, LAST_SEED)
     at, size = Conditions(**config.at()), (light.shape[-2], light.shape[-1])
     _check_motion(config, at)
-    exposure = at.exposure(_camera(config, camera), config.seed, vehicle=config.vehicle)
-    exposure = replace(exposure, illuminant=_illuminant(config.illuminant))
+    exposure = at.exposure(
+        _camera(config, camera), config.seed, vehicle=config.vehicle, spectrum=config.own_spectrum
+    )
     if at.automatic:
         exposure = _automatic(config, at, exposure).metered(
             float(mean_luma(light, exposure.camera, exposure.illuminant)[0])
@@ -180,14 +180,6 @@ def _numbers(text: str) -> list[float]:
         return [float(part) for part in text.split(",")]
     except ValueError:
         return []
-
-
-def _illuminant(name: str) -> str | Curve:
-    """The spectrum of a name, checked, or of a CSV file."""
-    if name.lower().endswith(".csv"):
-        return Curve.from_csv(name)
-    illuminant(name)
-    return name
 
 
 def _captures(ratios: str) -> tuple[Capture, ...]:

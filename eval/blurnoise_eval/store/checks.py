@@ -44,9 +44,9 @@ def check_rows(store: Store, classes: Mapping[str, int]) -> None:
         for model in {row[0] for row in rows}:
             if model not in classes:
                 raise store.damaged("cells.model", f"{model!r} is no model of the run")
-            found = unpack_all(*zip(*(row[1:] for row in rows if row[0] == model), strict=True))
-            numbers = np.concatenate([found.boxes_xyxy.ravel(), found.scores])
-            if not np.isfinite(numbers).all() or (found.class_ids >= classes[model]).any():
+            detections = unpack_all(*zip(*(row[1:] for row in rows if row[0] == model), strict=True))
+            numbers = np.concatenate([detections.boxes_xyxy.ravel(), detections.scores])
+            if not np.isfinite(numbers).all() or (detections.class_ids >= classes[model]).any():
                 raise store.damaged("cells.detections", f"no detections of {model!r}")
 
 

@@ -23,7 +23,11 @@ CONDITIONS = ("clean", *NAMES)
 
 
 def number(low: float, high: float, kind: str = "real") -> str:
-    """The condition on a number from ``low`` to ``high``."""
+    """The condition on a number from ``low`` to ``high``.
+
+    >>> number(0.0, 1.0)
+    "typeof({0}) = 'real' AND {0} BETWEEN 0.0 AND 1.0"
+    """
     ends = " AND ".join(
         "9e999" if end == math.inf else "-9e999" if end == -math.inf else repr(end) for end in (low, high)
     )
@@ -31,7 +35,11 @@ def number(low: float, high: float, kind: str = "real") -> str:
 
 
 def or_none(condition: str) -> str:
-    """The condition, or no value."""
+    """The condition, or no value.
+
+    >>> or_none("{0} > 0").format("gain_db")
+    'gain_db IS NULL OR gain_db > 0'
+    """
     return f"{{0}} IS NULL OR {condition}"
 
 
@@ -151,26 +159,31 @@ UNKNOWN = WithInterval()
 @dataclass(frozen=True, slots=True)
 class Row:
     """A row of a table. A field that is several columns stands in their place: the values on the axes, a number with
-    its interval, numbers by the names of scores, or a row, which is absent where it is None."""
+    its interval, numbers by the names of scores, or a row, which is absent where it is None.
+
+    >>> from blurnoise_eval.store.rows import SkippedRow
+    >>> SkippedRow("a.png", "is no picture").columns()
+    {'image': 'a.png', 'reason': 'is no picture'}
+    """
 
     axes: ClassVar[tuple[str, ...]] = CONDITIONS
     """Those columns of ``CONDITIONS`` that the table has."""
 
     def columns(self) -> dict[str, Any]:
         """The values by column as public tables and files have them: choices by their names."""
-        found = self.stored()
-        for name, choices in CHOICES.items():
-            if (number := found.get(name)) is not None:
-                found[name] = choices[int(number)]
-        return found
+        values = self.stored()
+        for name, axis in CHOICES.items():
+            if (number := values.get(name)) is not None:
+                values[name] = axis.choice(number)
+        return values
 
     def stored(self) -> dict[str, Any]:
         """The values by column as a run's file has them."""
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         kind: Any = type(self)
         for add in _writers(kind):
-            add(self, found)
-        return found
+            add(self, values)
+        return values
 
     @classmethod
     def read(cls, values: Sequence[Any]) -> Self:
@@ -217,17 +230,22 @@ def _parts(row: Any) -> dict[str, Any]:
 
 
 def columns_of(row: Any, *, optional: bool = True) -> list[TableColumn]:
-    """The columns of a row's table. optional: with those of parts that may be missing."""
-    found: list[TableColumn] = []
+    """The columns of a row's table. optional: with those of parts that may be missing.
+
+    >>> from blurnoise_eval.store.rows import SkippedRow
+    >>> [(column.name, column.kind) for column in columns_of(SkippedRow)]
+    [('image', 'TEXT'), ('reason', 'TEXT')]
+    """
+    columns: list[TableColumn] = []
     for name, hint in _hints(row).items():
         if hint is AxisValues:
-            found += [_of_axis(each) for each in row.axes]
+            columns += [_of_axis(each) for each in row.axes]
         elif part := _parts(row).get(name):
-            found += columns_of(part) if optional or hint is part else []
+            columns += columns_of(part) if optional or hint is part else []
         elif get_origin(hint) is Annotated:  # numbers by score are columns of the table of scores
             kind, *about = get_args(hint)
-            found.append(_column(name, kind, *about))
-    return found
+            columns.append(_column(name, kind, *about))
+    return columns
 
 
 def _column(name: str, kind: Any, *about: str) -> TableColumn:
@@ -258,7 +276,8 @@ def _on(axis: Axis) -> str:
     """None of original pictures, a number on the axis of others."""
     allowed = number(axis.low, axis.high)
     if axis.choices:
-        allowed += " AND {0} = round({0})"
+        numbered = f" OR {{0}} >= {axis.least_number!r}" if axis.prefix else ""
+        allowed += f" AND ({{0}} = round({{0}}) AND {{0}} < {len(axis.choices)}{numbered})"
     if axis.positive:
         allowed += f" AND {{0}} > {axis.low!r}"
     if axis.automatic:
@@ -270,12 +289,12 @@ def _on(axis: Axis) -> str:
 def _writers(row: Any) -> tuple[Callable[[Row, dict[str, Any]], None], ...]:
     """Functions that add a row's values to a dictionary by column: one for each run of plain fields, and one for each
     field that is several columns."""
-    found: list[Callable[[Row, dict[str, Any]], None]] = []
+    writers: list[Callable[[Row, dict[str, Any]], None]] = []
     hints = _hints(row)
     for is_plain, group in groupby(_fields(row), key=lambda name: _is_plain(hints[name])):
         names = tuple(group)
-        found += [_plain(names)] if is_plain else [partial(_add_part, name) for name in names]
-    return tuple(found)
+        writers += [_plain(names)] if is_plain else [partial(_add_part, name) for name in names]
+    return tuple(writers)
 
 
 def _is_plain(hint: Any) -> bool:
@@ -288,35 +307,35 @@ def _plain(names: tuple[str, ...]) -> Callable[[Row, dict[str, Any]], None]:
     return lambda row, found: found.update(zip(names, values(row)))  # noqa: B905  # some 100 000 times
 
 
-def _add_part(name: str, row: Row, found: dict[str, Any]) -> None:
+def _add_part(name: str, row: Row, values: dict[str, Any]) -> None:
     value = getattr(row, name)
     if isinstance(value, AxisValues):
         if row.axes is CONDITIONS:
-            found["clean"] = value.original
-            found.update(zip(NAMES, value.numbers, strict=True))
+            values["clean"] = value.original
+            values.update(zip(NAMES, value.numbers, strict=True))
         else:
-            found.update((axis, value[axis]) for axis in row.axes)
+            values.update((axis, value[axis]) for axis in row.axes)
     elif isinstance(value, WithInterval):
-        found.update(value.columns(name))
+        values.update(value.columns(name))
     elif isinstance(value, Row):
-        found.update(value.stored())
+        values.update(value.stored())
     elif value is not None:
         for score, estimate in value.items():
-            found.update(estimate.columns(score))
+            values.update(estimate.columns(score))
 
 
 @cache
 def _segments(row: Any) -> tuple[tuple[int, Any], ...]:
     """Runs of columns: how many, and what one field is made of them by; None: fields of their own."""
-    found: list[tuple[int, Any]] = []
+    segments: list[tuple[int, Any]] = []
     for name, hint in _hints(row).items():
         part = _parts(row).get(name)
         if hint is AxisValues:
-            found.append((len(CONDITIONS), lambda clean, *numbers: _shared(*numbers)))
+            segments.append((len(CONDITIONS), lambda clean, *numbers: _shared(*numbers)))
         elif part is not None:
-            found.append((len(columns_of(part)), part))
-        elif found and found[-1][1] is None:
-            found[-1] = found[-1][0] + 1, None
+            segments.append((len(columns_of(part)), part))
+        elif segments and segments[-1][1] is None:
+            segments[-1] = segments[-1][0] + 1, None
         else:
-            found.append((1, None))
-    return tuple(found)
+            segments.append((1, None))
+    return tuple(segments)

@@ -238,8 +238,10 @@ def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
 def _as_text(table: str, column: TableColumn) -> str:
     name, value = column.name, f'{table}."{column.name}"'
     if name in CHOICES:
-        places = " ".join(f"WHEN {place} THEN '{choice}'" for place, choice in enumerate(CHOICES[name]))
-        return f"CASE {value} {places} END"
+        axis = CHOICES[name]
+        places = " ".join(f"WHEN {place} THEN '{choice}'" for place, choice in enumerate(axis.choices))
+        numbered = f"CASE WHEN {value} IS NOT NULL THEN '{axis.prefix}' || printf('%.15g', {value}) END"
+        return f"CASE {value} {places} ELSE {numbered if axis.prefix else 'NULL'} END"
     if name == "clean":
         return f"CASE WHEN {value} THEN 'True' ELSE 'False' END"
     return f"CASE WHEN {value} = 9e999 THEN 'auto' ELSE {value} END" if column.kind == "REAL" else value

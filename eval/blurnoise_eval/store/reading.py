@@ -38,14 +38,26 @@ _WAL = b"\2"  # at byte 18 of a file with a journal ahead of it
 
 
 def most_steps(path: Path) -> Steps:
-    """Those of a query of this file."""
+    """Those of a query of this file.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "results.sqlite"
+    >>> path.touch()
+    >>> most_steps(path)()  # some hundred million for an empty file
+    False
+    """
     facts = path.stat()
     n_bytes = min(facts.st_size, 512 * getattr(facts, "st_blocks", facts.st_size))  # without holes
     return Steps(_STEPS + _STEPS_PER_BYTE * n_bytes)
 
 
 class Steps:
-    """A progress handler of SQLite's: ends a query after so many steps, and knows whether it did."""
+    """A progress handler of SQLite's: ends a query after so many steps, and knows whether it did.
+
+    >>> steps = Steps(250_000)  # looked at every 100 000
+    >>> [steps() for _ in range(3)], steps.used_up
+    ([False, False, True], True)
+    """
 
     def __init__(self, most: int) -> None:
         self._most = most // _AT_A_TIME
@@ -65,17 +77,17 @@ class Steps:
 def check_files(path: Path) -> list[Path]:
     """The journals beside a run's file. Raises ``ValueError`` for one that is no file: SQLite would write through a
     link. And for a file that no run was begun in: SQLite would write beside one that it opens."""
-    found = [path.with_name(path.name + end) for end in ("-wal", "-journal", "-shm", "")]
-    found = [each for each in found if os.path.lexists(each)]
-    for each in found:
+    journals = [path.with_name(path.name + end) for end in ("-wal", "-journal", "-shm", "")]
+    journals = [each for each in journals if os.path.lexists(each)]
+    for each in journals:
         if not stat.S_ISREG(each.lstat().st_mode):
             raise ValueError(f"{each.name} must be a file, no link, device or pipe")
-    if path in found and path.stat().st_size:
+    if path in journals and path.stat().st_size:
         # by SQLite, since whoever else closes it drops the locks of this process
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)) as db:
             if db.execute("PRAGMA application_id").fetchone() != (schema.APPLICATION,):
                 raise ValueError(OTHER_VERSION)
-    return [each for each in found if each.name.endswith(("-wal", "-journal"))]
+    return [each for each in journals if each.name.endswith(("-wal", "-journal"))]
 
 
 def connect(path: Path, steps: Steps) -> sqlite3.Connection:
@@ -122,5 +134,5 @@ def check_tables(db: sqlite3.Connection) -> None:
 
 
 def _listed(db: sqlite3.Connection) -> list[tuple[object, ...]]:
-    found = db.execute("SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY name LIMIT 50")
-    return [tuple(row) for row in found]
+    listed = db.execute("SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY name LIMIT 50")
+    return [tuple(row) for row in listed]

@@ -42,7 +42,11 @@ class CellKey(Row):
 
 @dataclass(frozen=True, slots=True)
 class OfLamp(Row):
-    """Further columns of cells in a run with a pulsed lamp."""
+    """Further columns of cells in a run with a pulsed lamp.
+
+    >>> OfLamp(pwm_phase=0.25, missed_pulse=1).stored()
+    {'pwm_phase': 0.25, 'missed_pulse': 1}
+    """
 
     pwm_phase: Annotated[float | None, SHARE, "phase of the lamp at the start of the exposure"] = None
     missed_pulse: Annotated[int | None, number(0, 1, "integer"), "1: the exposure fell between pulses"] = None
@@ -79,7 +83,12 @@ class CellRow(CellKey):
 
 @dataclass(frozen=True, slots=True)
 class TargetAnswer(Row):
-    """A model's answer for one target. The box is where the target is at mid-exposure."""
+    """A model's answer for one target. The box is where the target is at mid-exposure.
+
+    >>> answer = TargetAnswer(0, "sign 50 px", "sign", 10.0, 20.0, 60.0, 70.0, 50.0, 50.0, confidence=0.8)
+    >>> answer.box_xyxy, answer.columns()["confidence"]
+    ((10.0, 20.0, 60.0, 70.0), 0.8)
+    """
 
     target_id: Annotated[int, COUNT, "number of the target in its picture"]
     group: Annotated[str, NAME, "kind of target that answers are given for"]
@@ -133,7 +142,11 @@ class Example:
 
 @dataclass(frozen=True, slots=True)
 class SkippedRow(Row):
-    """A picture that could not be used."""
+    """A picture that could not be used.
+
+    >>> SkippedRow("a.png", "is no picture").stored()
+    {'image': 'a.png', 'reason': 'is no picture'}
+    """
 
     image: Annotated[str, NAME, "the picture"]
     reason: Annotated[str, ANY_TEXT, "why"]

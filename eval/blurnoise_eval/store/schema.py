@@ -87,5 +87,9 @@ def faulty(table: str, columns: Iterable[TableColumn], *, one_by_one: bool = Fal
 
 
 def add_column(name: str) -> str:
-    """The statement that gives the cells a column of ``OF_LAMPS``."""
+    """The statement that gives the cells a column of ``OF_LAMPS``.
+
+    >>> add_column("pwm_phase")
+    'ALTER TABLE cells ADD COLUMN pwm_phase REAL'
+    """
     return f"ALTER TABLE cells ADD COLUMN {name} {OF_LAMPS[name].kind}"

@@ -10,7 +10,7 @@ import pytest
 from blurnoise_eval import cli
 from blurnoise_eval.cli import COMMANDS, inputs, main
 from blurnoise_eval.cli._options import settings
-from blurnoise_eval.plan.axes import AXES, axis
+from blurnoise_eval.plan.axes import AXES, OWN_SPECTRUM, axis
 from blurnoise_eval.plan.files import PlanFile, SceneFile
 from blurnoise_eval.plan.question import Question
 
@@ -40,7 +40,7 @@ def params(name):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_options_are_few_and_each_is_explained(name):
-    axes = {axis.option for axis in AXES}
+    axes = {axis.option for axis in AXES} | {"--light"}  # another spelling of --lux
     further = [param for param in params(name) if not axes.intersection(param.opts)]
     assert len(further) <= MOST_BESIDE_AXES.get(name, 14)
     assert all(param.help for param in params(name))
@@ -78,10 +78,11 @@ def test_help_is_light():
 @pytest.mark.parametrize("each", AXES, ids=lambda axis: axis.name)
 def test_every_axis_has_its_option_and_its_setting(monkeypatch, each):
     larger, smaller = min(9.0, 0.9 * each.shown(each.high)), min(7.0, 0.7 * each.shown(each.high))
-    text = ",".join(each.choices[::-1]) or f"{larger},{smaller}"
+    names = [name for name in each.choices if name != OWN_SPECTRUM]
+    text = ",".join(names[::-1]) or f"{larger},{smaller}"
     asked = planned(monkeypatch, each.option, text).plan.grid[each.name]
     if each.choices:
-        assert asked == tuple(range(len(each.choices)))
+        assert asked == tuple(range(len(names)))
     else:
         assert asked == pytest.approx((smaller * each.per_option, larger * each.per_option), rel=1e-15)
         assert PlanFile.of({each.key: [larger, smaller]}).plan.grid[each.name] == asked

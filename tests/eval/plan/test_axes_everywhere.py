@@ -14,7 +14,7 @@ from blurnoise_eval.answers.curves import endurances, endurances_across
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.plan.axes import AXES, CORE, EGO, MOVES, NAMES, SETTING, VELOCITY
+from blurnoise_eval.plan.axes import AXES, CORE, EGO, MOVES, NAMES, OWN_SPECTRUM, SETTING, VELOCITY
 from blurnoise_eval.plan.axes import axis as axis_of
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.plan import SweepPlan
@@ -38,7 +38,10 @@ def grids(draw):
         if axis.name not in CORE and draw(st.booleans()):
             continue
         if axis.choices:
-            places = st.integers(0, len(axis.choices) - 1).map(float)
+            named = [name for name in axis.choices if name != OWN_SPECTRUM]  # which needs a curve
+            places = st.integers(0, len(named) - 1).map(float)
+            if axis.prefix:
+                places |= st.sampled_from([axis.least_number, 2856.0])
             grid[axis.name] = draw(st.lists(places, min_size=1, max_size=3, unique=True))
             continue
         low = axis.low + 0.001 if axis.positive else axis.low

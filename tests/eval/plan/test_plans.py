@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, number, numbers
+from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, OWN_SPECTRUM, VELOCITY, axis, number, numbers
 from blurnoise_eval.plan.conditions import Cell, Conditions, with_lens
 from blurnoise_eval.plan.objects import ObjectSettings
 from blurnoise_eval.plan.plan import SweepPlan
@@ -17,6 +17,7 @@ from signs_in_memory import CAMERA, PLAN, TWO, matched_detector, rows_of
 from blurnoise import Exposure
 from blurnoise._core.checks import LIMITS
 from blurnoise.camera import Camera
+from blurnoise.camera.spectra import ILLUMINANTS
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.scene.exposure import MOVES
 
@@ -63,7 +64,8 @@ def test_default_speeds_are_those_of_a_sign_that_a_vehicle_passes(place, kmh):
 @pytest.mark.parametrize("axis", AXES, ids=lambda axis: axis.name)
 def test_every_axis_reaches_the_simulator_and_the_columns(axis):
     """A value of its own on one axis, seen where ``into`` says, and nothing else is other than without it."""
-    value = axis.high if axis.choices else min(3.0, (axis.low + 3 * axis.high) / 4)
+    last = [name for name in axis.choices if name != OWN_SPECTRUM][-1:]
+    value = float(axis.choices.index(last[0])) if last else min(3.0, (axis.low + 3 * axis.high) / 4)
     at = AT if axis is not EGO else Conditions(**{**AT, **dict.fromkeys(VELOCITY, 0.0)})
     with_it = Conditions(**{**at, axis.name: value})
     assert with_it.on(IMX250) == {**at.on(IMX250), axis.name: value}
@@ -78,7 +80,7 @@ def test_every_axis_reaches_the_simulator_and_the_columns(axis):
         vector[int(part)] = value
         expected = replace(plain, velocity_px_s=(vector[0], vector[1]))
     else:
-        expected = replace(plain, **{place: axis.choices[-1] if axis.choices else value})
+        expected = replace(plain, **{place: last[0] if last else value})
     assert exposure == expected
     assert exposure != plain
 
@@ -101,8 +103,10 @@ def test_an_f_number_of_a_sweep_scales_a_measured_t_number():
 def test_the_axes_limits_are_the_simulators(axis):
     name = axis.into.removeprefix("camera.").partition(".")[0]
     if axis.choices:
-        assert axis.choices == MOVES
-        assert (axis.low, axis.high) == (0, len(MOVES) - 1)
+        known = {"moves": MOVES, "illuminant": (*ILLUMINANTS, OWN_SPECTRUM)}[axis.name]
+        assert axis.choices == known
+        assert (axis.low, axis.high) == (0, LIMITS["kelvin"].high if axis.prefix else len(known) - 1)
+        assert not axis.prefix or axis.least_number == LIMITS["kelvin"].low
     elif name in LIMITS:  # a figure of the camera may have its range on the field itself
         assert (axis.low, axis.high) == LIMITS[name][:2]
         return
@@ -110,7 +114,7 @@ def test_the_axes_limits_are_the_simulators(axis):
         if axis.into.startswith("camera."):
             IMX250.with_figures(**{name: end})
         else:
-            value: Any = axis.choices[int(end)] if axis.choices else end
+            value: Any = axis.choice(end) if axis.choices else end
             Exposure(IMX250, 0.01, 50.0, **{name: value})
 
 
