@@ -100,8 +100,8 @@ class OverConditions:
         The conditions are the sweep's cameras, exposures, lights, speeds, gains and ``moves``, as
         :class:`blurnoise.training.table.ExposureTable` reads and interpolates them. run: the sweep's folder, or
         ``blurnoise_eval.system.urls.location(URL)``. direction_deg: of the motion; None: as in the run. options: the
-        options of the class that are not ranges; encoding and grey_anchor are by default those of the run. Raises ``TypeError`` or
-        ``ValueError`` naming the argument, ``OSError`` for a file that cannot be read.
+        options of the class that are not ranges; encoding and grey_anchor are by default those of the run. Raises
+        ``TypeError`` or ``ValueError`` naming the argument, ``OSError`` for a file that cannot be read.
         """
         options["table"] = ExposureTable.of_run(run, direction_deg=direction_deg)
         return cls(**options)
@@ -138,8 +138,8 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
     """Take each picture with a camera under random conditions: :func:`expose_pictures` as a Kornia augmentation.
 
     options: the ranges of :class:`ExposureRanges`, drawn anew for each picture, or table, an :class:`ExposureTable`
-    in place of camera and ranges; encoding, grey_anchor, fidelity, grow_boxes. Cameras may have several captures (HDR), and lamps
-    may be pulsed.
+    in place of camera and ranges; encoding, grey_anchor, fidelity, grow_boxes. Cameras may have several captures
+    (HDR), and lamps may be pulsed.
     encoding: the pictures' tone curve, see :func:`blurnoise.simulate`; the result has the camera's tone curve, or is
     linear if encoding is "linear". grey_anchor: the part of each picture that reflects 18 %, such as "mean"; by
     default brightness is reflectance, so a photograph that is darker by 1 EV gets half of the light. fidelity: see

@@ -173,7 +173,7 @@ def _reflectance(scene: Tensor, encoding: PictureTone, grey_anchor: str | None) 
     light = scene_reflectance(scene, encoding)
     if grey_anchor is None:
         return light
-    return torch.cat([anchored(each, grey_anchor) if each.any() else each for each in light.split(1)])
+    return torch.cat([anchored(one, grey_anchor) if one.any() else one for one in torch.split(light, 1)])
 
 
 def _metered(
