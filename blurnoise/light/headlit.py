@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -46,6 +46,7 @@ _WHITE = 0.95
 _MOST_PX = 4096  # that a percentile is taken of
 _FLATTEST = 4.0  # ratio of the sides of a box, where one of them alone has a known size
 _LEAST_PX = 1.0
+_EVERY_PX = 4  # columns of a wall that are reckoned, between which light is straight: the beam is wide
 
 Alpha = NDArray[np.float32]
 
@@ -55,6 +56,9 @@ class Outline(NamedTuple):
 
     alpha: (h, w), the share of each pixel that it covers, from the pixel place_px = (left, top) on; None: all of the
     box. A matte may be that of the box where ``outlined`` is false.
+
+    >>> Outline("person", (10.0, 20.0, 30.0, 80.0)).outlined
+    False
     """
 
     label: str
@@ -68,6 +72,10 @@ class Standing(NamedTuple):
     """Where a target stands: m right of the vehicle's axis, ahead, and up in a row y: base_m + (foot_px - y) row_m.
 
     measured_m: its distance by its size, before it is limited.
+
+    >>> at = Standing(3.0, 50.0, base_m=1.8, foot_px=360.0, row_m=0.05, measured_m=50.0)
+    >>> at.up_m(np.array([360.0, 350.0, 500.0])).tolist()
+    [1.8, 2.3, 0.0]
     """
 
     right_m: float
@@ -90,6 +98,10 @@ class RoadView:
     have one, in place of theirs, as of :class:`RoadObject`; "none": all are matt. distance_m: of all targets, in
     place of that by their size. background: "dark" receives no light of the lamps; "lit": it is a wall at the
     distance of the median target, matt. Raises ``TypeError`` or ``ValueError`` naming the field.
+
+    >>> view = RoadView(Camera.preset("imx250"), sheeting="XI")
+    >>> view.material(RoadObject(width_m=0.6, sheeting="III")).name, view.material(RoadObject(height_m=1.7))
+    ('XI', None)
     """
 
     camera: Camera
@@ -175,6 +187,12 @@ class HeadlitTarget:
     illuminance_lux: E_h, luminance_cd_m2: L_r of its white, observation_deg: the angle between lamps and camera, at
     the middle of the target. nearer: it is lit as at 8 m. cut_off: its box reaches a side of the picture, so that it
     may be nearer than its size says.
+
+    >>> outline = Outline("stop sign", (600.0, 352.0, 617.0, 369.0))
+    >>> at = Standing(3.0, 50.0, base_m=1.819, foot_px=369.0, row_m=0.762 / 17, measured_m=50.0)
+    >>> sign = HeadlitTarget(outline, at, Headlamps("low"), sheeting_of("III"), 1.5, 0.341, False, False)
+    >>> round(sign.illuminance_lux, 4), round(sign.luminance_cd_m2, 3), round(sign.observation_deg, 2)
+    (0.1443, 2.178, 1.19)
     """
 
     outline: Outline
@@ -209,14 +227,9 @@ class HeadlitTarget:
     @property
     def observation_deg(self) -> float:
         """Mean angle at the target between the camera and each of the lamps."""
-        at, lamps = self.standing, self.lamps
-        up = float(at.up_m(self._middle)[0])
-        camera = np.array([at.right_m, up - self.camera_height_m, at.ahead_m])
-        angles = []
-        for side in (-1, 1):
-            lamp = np.array([at.right_m - side * lamps.apart_m / 2, up - lamps.height_m, at.ahead_m])
-            angles.append(math.atan2(float(np.linalg.norm(np.cross(lamp, camera))), float(lamp @ camera)))
-        return math.degrees(sum(angles) / 2)
+        at = self.standing
+        place_m = at.right_m, float(at.up_m(self._middle)[0]), at.ahead_m
+        return observation_deg(self.lamps, place_m, self.camera_height_m)
 
     @property
     def _middle(self) -> Floats:
@@ -232,6 +245,9 @@ class HeadlitPicture:
     """A picture's targets in the light of headlamps, in the order of their labels; None: no light is known of it.
 
     wall: X (H, W) of the background; None: it receives no light of the lamps.
+
+    >>> HeadlitPicture((2, 3), targets=(None,)).plane().shape
+    torch.Size([1, 1, 2, 3])
     """
 
     size: tuple[int, int]
@@ -253,10 +269,12 @@ class HeadlitPicture:
         return torch.from_numpy(found)[None, None]
 
 
-def headlit(light: Tensor, targets: Sequence[Outline], view: RoadView, lamps: Headlamps) -> HeadlitPicture:
+def headlit(
+    light: Tensor, targets: Sequence[Outline | None], view: RoadView, lamps: Headlamps
+) -> HeadlitPicture:
     """The targets of a picture, light (1, C, H, W), in the light of headlamps.
 
-    Targets of unknown classes, and those outside of the picture, receive none, as no distance of them is known.
+    Targets of unknown classes, those outside of the picture, and None receive none, as no distance of them is known.
 
     >>> camera = Camera.preset("imx250").with_figures(width_px=1280, height_px=720, hfov_deg=60.0)
     >>> sign = Outline("stop sign", (698.06, 335.94, 714.96, 352.84))
@@ -265,14 +283,14 @@ def headlit(light: Tensor, targets: Sequence[Outline], view: RoadView, lamps: He
     20.0
     """
     size = (light.shape[-2], light.shape[-1])
-    found = tuple(_headlit(light, each, view, lamps) for each in targets)
+    found = tuple(None if each is None else _headlit(light, each, view, lamps) for each in targets)
     return HeadlitPicture(size, found, _wall(found, view, lamps, size))
 
 
 def _headlit(light: Tensor, outline: Outline, view: RoadView, lamps: Headlamps) -> HeadlitTarget | None:
     of, size = road_object(outline.label, view.own), (light.shape[-2], light.shape[-1])
     standing = None if of is None else view.standing(outline.box_xyxy, of, size)
-    if of is None or standing is None:
+    if of is None or standing is None or (outline.alpha is not None and not outline.alpha.size):
         return None
     outline = outline if outline.alpha is not None else _of_box(outline, size)
     material = view.material(of)
@@ -283,10 +301,25 @@ def _headlit(light: Tensor, outline: Outline, view: RoadView, lamps: Headlamps) 
         lamps,
         material,
         view.vehicle.height_m,
-        1.0 if material is None else _white(light, outline),
+        _white(light, outline),
         nearer=view.distance_m is None and standing.measured_m < NEAREST_M,
         cut_off=x0 <= 1 or y0 <= 1 or x1 >= size[1] - 1 or y1 >= size[0] - 1,
     )
+
+
+def observation_deg(lamps: Headlamps, place_m: tuple[float, float, float], camera_height_m: float) -> float:
+    """Mean angle between the camera and each of the lamps, as a place sees them, m right, up and ahead.
+
+    >>> round(observation_deg(Headlamps("low"), (3.0, 2.2, 50.0), 1.5), 3)
+    1.189
+    """
+    right, up, ahead = place_m
+    camera = np.array([right, up - camera_height_m, ahead])
+    angles = []
+    for side in (-1, 1):
+        lamp = np.array([right - side * lamps.apart_m / 2, up - lamps.height_m, ahead])
+        angles.append(math.atan2(float(np.linalg.norm(np.cross(lamp, camera))), float(lamp @ camera)))
+    return math.degrees(sum(angles) / 2)
 
 
 def _of_box(outline: Outline, size: tuple[int, int]) -> Outline:
@@ -332,12 +365,17 @@ def _wall(
     if view.background == "dark" or not known:
         return None
     at = known[(len(known) - 1) // 2].standing
-    columns = np.stack([np.arange(size[1]) + 0.5, np.full(size[1], size[0] / 2)])
-    across = view.directions(columns, size)[0]
+    some = np.unique(np.append(np.arange(0, size[1], _EVERY_PX), size[1] - 1))
+    across = view.directions(np.stack([some + 0.5, np.full(len(some), size[0] / 2)]), size)[0]
     right = np.clip(np.nan_to_num(across * at.ahead_m), -FARTHEST_M, FARTHEST_M)
     scaled = (
         at.row_m * at.ahead_m / max(at.measured_m, 1e-9)
     )  # rows of the wall, not of what is limited to 8 m
     up = at._replace(row_m=scaled).up_m(np.arange(size[0], dtype=np.float64) + 0.5)
-    lit: Any = lamps.onto(right[None], up[:, None], at.ahead_m, None, view.vehicle.height_m)
-    return np.asarray(lit[0])
+    lit = lamps.onto(right[None], up[:, None], at.ahead_m, None, view.vehicle.height_m).illuminance_lux
+    columns = np.arange(size[1])
+    after = np.searchsorted(some, columns).clip(1, max(1, len(some) - 1))
+    if len(some) == 1:
+        return lit
+    share = (columns - some[after - 1]) / (some[after] - some[after - 1])
+    return np.asarray(lit[:, after - 1] * (1 - share) + lit[:, after] * share)

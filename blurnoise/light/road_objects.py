@@ -80,19 +80,30 @@ def road_object(label: str, own: Mapping[str, RoadObject] = MappingProxyType({})
     """What is known of a class; None of one that is neither in ``own``, by its plain name, nor in the table.
 
     Capitals do not matter, nor whether words are parted by spaces, hyphens or low lines.
+
+    >>> road_object("Person").height_m, road_object("pizza")
+    (1.7, None)
     """
     name = plain_name(label)
     return own.get(name) or road_objects().get(name)
 
 
 def plain_name(label: str) -> str:
-    """A class as the table has it: "Stop_Sign" is "stop sign"."""
+    """A class as the table has it.
+
+    >>> plain_name("Stop_Sign")
+    'stop sign'
+    """
     return " ".join(label.lower().replace("_", " ").replace("-", " ").split())
 
 
 @lru_cache(maxsize=1)
 def road_objects() -> Mapping[str, RoadObject]:
-    """The table, by each of the classes' names."""
+    """The table, by each of the classes' names.
+
+    >>> road_objects()["licence plate"] == road_objects()["number plate"]
+    True
+    """
     text = (resources.files("blurnoise.light") / "data" / "road_objects.csv").read_text("utf-8")
     found: dict[str, RoadObject] = {}
     for row in csv.DictReader(text.splitlines()):

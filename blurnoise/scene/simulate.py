@@ -46,6 +46,7 @@ def simulate(
     noise: bool = True,
     quantised: bool = True,
     layers: Layers = (),
+    headlamp_lux: Tensor | None = None,
 ) -> Tensor:
     """Expose ``image`` with ``camera``; returns digital numbers, integral values, of the same shape.
 
@@ -70,6 +71,8 @@ def simulate(
     :func:`.convolution.path_blur` for one.
     layers: objects in front of ``image`` with motion of their own, in linear light, each a :class:`blurnoise.Layer`;
     the same for all pictures, or a sequence for each. ``velocity_px_s`` is then the velocity of the background.
+    headlamp_lux: what headlamps add to illuminance_lux on each pixel, lux, (B, 1, H, W) or (1, 1, H, W); layers have
+    their own, ``Layer(..., headlamp_lux={"low": ...})``. :meth:`.Headlamps.onto` reckons it of a scene's geometry.
     pattern_seed: selects the specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
 
@@ -89,6 +92,7 @@ def simulate(
         anchored(scene_reflectance(image, encoding), grey_anchor),
         layers=layers,
         border=border,
+        headlamp_lux={} if headlamp_lux is None else {"low": headlamp_lux},
     )
     exposure: Exposure[Any] = Exposure(
         camera,
@@ -98,6 +102,7 @@ def simulate(
         temperature_c=temperature_c,
         trajectory=trajectory,
         illuminant=illuminant,
+        headlamp="off" if headlamp_lux is None else "low",  # a name for the one beam there is
         seed=rng.item_seeds(generator, len(image)),
     )
     options = TakeOptions(

@@ -7,7 +7,7 @@ Domain: pictures (B, C, H, W) as :mod:`blurnoise.training.pictures` takes them, 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, Self
 
 import torch
@@ -17,6 +17,7 @@ from kornia.geometry.keypoints import Keypoints
 from torch import Tensor
 
 from blurnoise._core import rng
+from blurnoise._core.beams import checked_planes
 from blurnoise._core.checks import (
     an_instance,
     dense,
@@ -114,10 +115,12 @@ class OverConditions:
     def _exposed(self, pictures: Tensor, params: Params, items: list[int], seeds: list[int]) -> Tensor:
         """Pictures (B, C, H, W), each taken under the conditions of an item of ``params``, with a seed of its own."""
         dtype = torch.promote_types(pictures.dtype, torch.float32)  # halves are computed in single precision
+        exposures, lit = self.ranges.exposures(params, items, seeds, dtype), "headlamp_lux" in params
         return expose_pictures(
             pictures,
-            self.ranges.exposures(params, items, seeds, dtype),
+            [replace(one, headlamp="low") for one in exposures] if lit else exposures,
             masks=params["masks"][items] if "masks" in params else None,
+            headlamp_lux={"low": params["headlamp_lux"][items]} if lit else {},
             lamp_lights=self.ranges.lamp_lights,
             encoding=self.flags["encoding"],
             grey_anchor=self.flags["grey_anchor"],
@@ -196,14 +199,26 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         return {name: value.expand(batch).clone() for name, value in drawn.items()}
 
     def forward(
-        self, input: Tensor, params: Params | None = None, masks: Tensor | None = None, **kwargs: Any
+        self,
+        input: Tensor,
+        params: Params | None = None,
+        masks: Tensor | None = None,
+        headlamp_lux: Tensor | None = None,
+        **kwargs: Any,
     ) -> Tensor:
         """The pictures (B, C, H, W), or one (C, H, W), exposed; masks as :func:`expose_pictures` takes them.
 
-        Of one picture masks are (N, H, W). They are kept in ``_params``, as a replay needs them.
+        Of one picture masks are (N, H, W). headlamp_lux: what headlamps add to the illuminance that is drawn, lux,
+        (B, 1, H, W) or (1, 1, H, W). Both are kept in ``_params``, as a replay needs them.
         """
         an_instance("input", input, Tensor)
         dense("input", input)
+        if headlamp_lux is not None:
+            batch = self.transform_tensor(input)
+            of_batch = len(batch), 1, *batch.shape[-2:]
+            plane = checked_planes("headlamp_lux", {"low": headlamp_lux}, of_batch, (1, *of_batch[1:]))["low"]
+            params = self.forward_parameters(batch.shape) if params is None else params
+            params = {**params, "headlamp_lux": plane.expand(of_batch)}
         if masks is not None:
             batch = self.transform_tensor(input)
             masks = masks[None] if input.ndim == 3 and masks.ndim == 3 else masks

@@ -8,14 +8,16 @@ gain, pictures of little light are dark.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from blurnoise._core import rng
+from blurnoise._core.beams import BeamPlanes, checked_planes
 from blurnoise._core.checks import image_batch, one_of, shown
 from blurnoise._core.threads import same_bits
 from blurnoise.camera.colour import PictureTone
@@ -44,6 +46,7 @@ def expose_pictures(
     encoding: PictureTone = "srgb",
     grey_anchor: str | None = None,
     fidelity: Fidelity = "auto",
+    headlamp_lux: BeamPlanes = MappingProxyType({}),
 ) -> Tensor:
     """Take each picture by its exposure, and develop it: :func:`blurnoise.take` for training.
 
@@ -56,6 +59,8 @@ def expose_pictures(
 
     lamp_lights: the exposure's pulsed lamp lights "all", or the "targets" of pictures with masks. encoding,
     grey_anchor, fidelity: see :func:`blurnoise.simulate`; a black picture stays black, whatever its anchor.
+    headlamp_lux: for each beam what headlamps add to the light on each pixel, lux, (B, 1, H, W), or (1, 1, H, W) for
+    all pictures; the exposure's ``headlamp`` says which beam is on.
 
     Returns pictures in [0, 1] of image's shape and dtype, coded by the camera's tone curve, or linear if image is
     linear. Picture i depends on its own exposure alone. Gradients reach the image. Raises ``TypeError`` or
@@ -71,7 +76,17 @@ def expose_pictures(
     one_of("lamp_lights", lamp_lights, ("all", "targets"))
     if masks is not None:
         checked_masks(masks, batch, size)
-    exposures = _metered(exposures_of(exposure, batch), scene, encoding, grey_anchor)
+    planes = {
+        beam: plane.to(scene).expand(batch, -1, -1, -1)
+        for beam, plane in checked_planes(
+            "headlamp_lux", headlamp_lux, (batch, 1, *size), (1, 1, *size)
+        ).items()
+    }
+    exposures = exposures_of(exposure, batch)
+    for one in exposures:
+        if one.headlamp != "off" and one.headlamp not in planes:
+            raise ValueError(f"headlamp = {one.headlamp!r}: needs headlamp_lux[{one.headlamp!r}]")
+    exposures = _metered(exposures, lambda: _reflectance(scene.detach(), encoding, grey_anchor), planes)
     lit_by_lamp = None
     if lamp_lights == "targets" and masks is not None and masks.shape[1]:
         lit_by_lamp = masks.amax(1).float()
@@ -87,10 +102,11 @@ def expose_pictures(
         if matte is not None:
             light = _reflectance(scene[item : item + 1], encoding, grey_anchor)
             of_targets = scene.new_tensor(one.velocity_px_s if one.moves == "targets" else (0.0, 0.0))
-            cuts[item] = in_motion(light, matte, of_targets, one.exposure_s)
+            lit = {beam: plane[item : item + 1] for beam, plane in planes.items() if beam == one.headlamp}
+            cuts[item] = in_motion(light, matte, of_targets, one.exposure_s, lit)
 
     def taken_together(items: list[int]) -> Tensor:
-        """Pictures of one camera, spectrum, gain and vehicle, all cut or none."""
+        """Pictures of one camera, spectrum, beam, gain and vehicle, all cut or none."""
         of: Any = slice(None) if len(items) == batch else items  # a slice makes no copy
         cut = [cuts[item] for item in items if item in cuts]
         light = (
@@ -98,8 +114,13 @@ def expose_pictures(
             if cut
             else _reflectance(scene[of], encoding, grey_anchor)
         )
+        beam = exposures[items[0]].headlamp
+        lit = {} if beam == "off" else {beam: planes[beam][of]}
+        if lit and cut:
+            lit = {beam: torch.cat([each.headlamp_lux[beam] for each in cut])}
         some = Scene(
             light,
+            headlamp_lux=lit,
             layers=[each.layers for each in cut],
             lamp_mask=None if lit_by_lamp is None else lit_by_lamp[of],
         )
@@ -109,7 +130,8 @@ def expose_pictures(
 
     groups: dict[Any, list[int]] = {}
     for item, one in enumerate(exposures):
-        key = one.camera, one.illuminant, one.gain_db, item in cuts, one.vehicle if one.drives else None
+        lit_by = one.illuminant, one.headlamp
+        key = one.camera, *lit_by, one.gain_db, item in cuts, one.vehicle if one.drives else None
         groups.setdefault(key, []).append(item)
     parts = [taken_together(items) for items in groups.values()]
     if len(parts) == 1:
@@ -145,8 +167,8 @@ def exposures_of(exposure: Exposure | Sequence[Exposure], batch: int) -> list[Ex
 
 
 def _together(exposures: Sequence[Exposure], like: Tensor, *, cut: bool, lamps: bool) -> Exposure[Tensor]:
-    """Exposures of one camera, spectrum, gain and vehicle as a batch. cut: of the backgrounds, whose layers move on
-    their own. lamps: whether any lamp lights the pictures."""
+    """Exposures of one camera, spectrum, beam, gain and vehicle as a batch. cut: of backgrounds, whose layers move
+    on their own. lamps: whether any lamp lights the pictures."""
     first, drives = exposures[0], exposures[0].drives
     velocities = [(0.0, 0.0) if cut and one.moves == "targets" else one.velocity_px_s for one in exposures]
     of_each: dict[str, Any] = {
@@ -164,6 +186,7 @@ def _together(exposures: Sequence[Exposure], like: Tensor, *, cut: bool, lamps: 
         ego_speed_m_s=like.new_tensor([one.ego_speed_m_s for one in exposures]) if drives else 0.0,
         vehicle=first.vehicle if drives else USUAL_VEHICLE,
         illuminant=first.illuminant,
+        headlamp=first.headlamp,
         **of_each,
     )
 
@@ -177,15 +200,28 @@ def _reflectance(scene: Tensor, encoding: PictureTone, grey_anchor: str | None) 
 
 
 def _metered(
-    exposures: list[Exposure], scene: Tensor, encoding: PictureTone, grey_anchor: str | None
+    exposures: list[Exposure], reflectance: Callable[[], Tensor], planes: BeamPlanes
 ) -> list[Exposure]:
     """The exposures with the gains that their auto-exposures set for the mean light of each picture."""
     if not any(isinstance(one.gain_db, AutoExposure) for one in exposures):
         return exposures
-    light = _reflectance(scene.detach(), encoding, grey_anchor)
-    lit_by = {(one.camera, one.illuminant) for one in exposures}
-    means = {each: mean_luma(light, *each).tolist() for each in lit_by}
-    return [one.metered(means[one.camera, one.illuminant][item]) for item, one in enumerate(exposures)]
+    light = reflectance()
+    means: dict[Any, list[float]] = {}
+
+    def mean_light(item: int, one: Exposure, beam: str) -> float:
+        key = one.camera, one.illuminant, beam
+        if key not in means:
+            lit = light if beam == "off" else light * planes[beam].detach()
+            means[key] = mean_luma(lit, one.camera, one.illuminant).tolist()
+        return means[key][item]
+
+    def metered(item: int, one: Exposure) -> Exposure:
+        mean = mean_light(item, one, "off")
+        if one.headlamp != "off":
+            mean += mean_light(item, one, one.headlamp) / one.illuminance_lux
+        return one.metered(mean)
+
+    return [metered(item, one) for item, one in enumerate(exposures)]
 
 
 def _memory_format(image: Tensor) -> torch.memory_format:

@@ -23,6 +23,9 @@ def find(name_or_file: str) -> Camera:
     """The preset of that name, or the camera of that file.
 
     Raises ``ValueError`` that lists the presets where it is neither, and what :meth:`Camera.load` raises.
+
+    >>> find("imx250").name
+    'imx250'
     """
     if name_or_file in PRESETS:
         return PRESETS[name_or_file]
@@ -34,7 +37,11 @@ def find(name_or_file: str) -> Camera:
 
 
 def behind_one_filter(camera: Camera) -> Camera:
-    """The camera with its mosaic's strongest filter under D55 before every pixel; unchanged without a mosaic."""
+    """The camera with its mosaic's strongest filter under D55 before every pixel; unchanged without a mosaic.
+
+    >>> behind_one_filter(Camera.preset("imx250c")).sensor.cfa
+    'none'
+    """
     curves, electrons = camera.sensor.quantum_efficiency, filter_electrons(camera)
     if isinstance(curves, FilterCurves):
         curves = curves.of(max(electrons, key=lambda letter: electrons[letter]))
@@ -42,7 +49,11 @@ def behind_one_filter(camera: Camera) -> Camera:
 
 
 def derived(camera: Camera) -> dict[str, float]:
-    """Derived figures of a camera: saturation in electrons and DN, threshold, SNR and dynamic range."""
+    """Derived figures of a camera: saturation in electrons and DN, threshold, SNR and dynamic range.
+
+    >>> round(derived(Camera.preset("imx250"))["snr_max_db"], 1)  # 10 log10 of the electrons of saturation
+    40.3
+    """
     return {
         "saturation_e": camera.sensor.saturation_e,
         "clip_dn": float(camera.sensor.clip_dn),

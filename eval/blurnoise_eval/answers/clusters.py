@@ -13,6 +13,7 @@ import numpy as np
 
 from blurnoise_eval.datasets.likeness import MOST, scenes
 
+# Intervals shrink with the root of the number of independent pictures.
 _FEWER = 0.9  # of the pictures: so few scenes make intervals a twentieth too narrow
 
 
@@ -69,6 +70,7 @@ def repeated(looks: Mapping[str, str], pattern: str | None = None) -> str | None
     """
     names = sorted(looks)
     if len(names) > MOST:
+        # Comparing all pairs takes time by the square of their number.
         names = [names[index] for index in np.linspace(0, len(names) - 1, MOST).round().astype(int).tolist()]
     clusters = [cluster_of(name, pattern) for name in names]
     count, apart = len(set(clusters)), len(set(scenes([looks[name] for name in names], clusters).tolist()))

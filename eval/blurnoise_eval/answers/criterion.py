@@ -50,6 +50,7 @@ class Criterion:
     cluster: str | None = None
 
     def __post_init__(self) -> None:
+        # A share of 0 is kept by a model that finds nothing.
         in_range("keep" if self.kept else "threshold", self.level, 0.0, 1.0, above=self.kept)
         if self.of is None and self.alarms_per_picture is None:
             listed = ", ".join(dict.fromkeys(name for kind in ("detector", "reader") for name in names(kind)))

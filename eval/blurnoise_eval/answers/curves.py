@@ -32,6 +32,7 @@ Bounds = tuple[float | None, float | None]
 """An interval; None at an end that lies outside the tested range, or is not known."""
 BLUR = "blur_px"
 _STEPS = 16  # between two tested values, at which the interval is known; between these its ends are straight
+# Beyond any score, so that an unknown end neither shows that a level is reached nor that it is missed.
 _UNKNOWN = 1e9  # where no interval is known, it reaches beyond every threshold
 
 
@@ -107,6 +108,7 @@ class ScoreCurve:
             return self.given
         every = self.line.mean, self.line.influence, np.sqrt(np.diag(self.cov)), self.known.astype(float)
         mean, away, sigma, known = map(self._between, every)
+        # Between two values of x the interval is known only where it is at both.
         clusters = np.where(known == 1, np.inf, 0)
         return uncertainty.of_level(mean, away, self.line.most, sigma, clusters)
 
@@ -154,6 +156,7 @@ class ScoreCurve:
         if end in (first, last) and any(low <= end <= high for low, high in sure):
             return None, None
         turns = [turn for part in (*sure, *self.possible(level)) for turn in part if first < turn < last]
+        # Turns are computed from values on either side, so that the same turn may differ in its last digits.
         near = 1e-6 * (last - first)  # rounding, where an interval has no width
         low = max((turn for turn in turns if turn <= end + near), default=None)
         high = min((turn for turn in turns if turn >= end - near), default=None)

@@ -77,6 +77,7 @@ def answer(curve: ScoreCurve, line: TestedLine, criterion: Criterion) -> AnswerR
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)
     saturated = tuple(table.saturated.tolist()) if np.isfinite(table.saturated).all() else None
+    # Rounded: of values that are equal but for their last digits the shortest exposure is the best.
     chosen, best = recommended(curve.x, mean, level, saturated), int(np.argmax(table.mean.round(12)))
     ends = curve.interval()
     low, high = (None, None) if ends is None else (tuple(end.tolist()) for end in ends)
@@ -91,6 +92,7 @@ def answer(curve: ScoreCurve, line: TestedLine, criterion: Criterion) -> AnswerR
     if windows:
         recommended_s = None if chosen is None else curve.x[chosen]
         limits = of_window(line, windows[chosen_window(windows, recommended_s)], level)
+    # Where the original pictures fail already, neither light nor motion is to blame.
     elif not criterion.kept and table.clean is not None and table.clean < level:
         limits = WindowLimits(by="the model, as the original pictures show")
     else:
@@ -163,6 +165,7 @@ def _pictures_needed(line: ScoreTable, level: float) -> int | None:
     mean = line.mean[known]
     above = mean > level
     spread = np.nanstd(line.influence[:, known], axis=0)
+    # The unseen cluster of an interval pulls towards the bound that lies beyond the level.
     pull = np.where(above, mean, line.most - mean)  # of the bound beyond the level
     asked = zip(np.abs(mean - level).tolist(), spread.tolist(), pull.tolist(), strict=True)
     needed = np.array([uncertainty.pictures_needed(*each, _MOST_PICTURES) for each in asked])
@@ -172,6 +175,7 @@ def _pictures_needed(line: ScoreTable, level: float) -> int | None:
 
 
 def _regret(curve: ScoreCurve, chosen: int) -> float | None:
+    # Paired by cluster: pictures that are hard at one exposure are hard at all of them, which cancels.
     others = np.arange(len(curve.x)) != chosen
     if not others.any():
         return 0.0 if curve.known.all() else None

@@ -85,11 +85,13 @@ def of_window(line: TestedLine, window: tuple[float, float], level: float) -> Wi
     low: Limit | None = None
     high: Limit | None = None
     if window[0] > x[0] or value[0] < level:
+        # At the lower end light lacks in any case; which kind of lack it is shows at the last exposure that fails.
         low = line.lacks(max(int((x < window[0]).sum()) - 1, 0))
     if window[1] < x[-1] or value[-1] < level:
         index = min(int((x <= window[1]).sum()), len(x) - 1)
         saturates = line.saturates(index, here)
         slower = np.nan if line.slower is None else line.slower[index]
+        # With the same light and time the slowest speed works: so only motion is left.
         if slower >= level:
             high = "blur"
         elif np.isfinite(slower) or not line.moves:

@@ -40,6 +40,7 @@ def pooled(setting: ScoreTable) -> ScoreTable:
 
     Directions are not compared with each other; rest belongs to each.
     """
+    # By what was counted, as isotonic regression needs: a mean of few pictures yields to one of many.
     weight, velocities = setting.counts.sum(axis=0), setting.velocities_px_s
     sums, counts = setting.sums.copy(), setting.counts.copy()
     exposures = setting.conditions["exposure_s"]
@@ -69,6 +70,7 @@ def nested(curves: Sequence[ScoreCurve], velocities: Sequence[Velocity]) -> list
                 low.append(_shared(other, other.ends.low, curve))
             elif its_speed < speed:
                 high.append(_shared(other, other.ends.high, curve))
+        # Only where the curve has an interval of its own: others narrow it, and never make one.
         known = np.isfinite(curve.ends.low)
         ends = np.fmax.reduce(low), np.fmin.reduce(high)
         nested_curves.append(replace(curve, given=Ends(*(np.where(known, end, np.nan) for end in ends))))

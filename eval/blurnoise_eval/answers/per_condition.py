@@ -140,6 +140,7 @@ def _sums(rows: TargetColumns, clusters: Mapping[str, int]) -> dict[AxisValues, 
     shape = len(rows.conditions), 1 + max(clusters.values(), default=0)
     numbers = np.array([clusters[name] for name in rows.pictures], np.int64)
     # first of each picture, then of pictures, in their order
+    # One number for condition and picture: rows of the same pair stand together, and a step tells where one begins.
     picture = rows.condition.astype(np.int64) * max(len(rows.pictures), 1) + rows.picture
     begins = np.diff(picture, prepend=-1) != 0
     first, of_picture = np.flatnonzero(begins), np.cumsum(begins) - 1

@@ -41,6 +41,7 @@ def same_places(places: Array) -> tuple[Array, NDArray[np.int64]]:
     >>> len(places), which.tolist()  # half the light and speed for twice the time
     (1, [0, 0])
     """
+    # + 0.0 makes 0.0 of -0.0, which would be another row.
     different, which = np.unique(places.round(DIGITS) + 0.0, axis=0, return_inverse=True)
     return different, which.ravel()
 
@@ -55,4 +56,5 @@ def direction_of(velocity_px_s: tuple[float, float]) -> Direction | None:
     if speed == 0:
         return None
     x, y = (round(each / speed, DIGITS) + 0.0 for each in velocity_px_s)
+    # A blur to the left is a blur to the right: of two opposite directions one stands for both.
     return (x, y) if (x, y) > (0.0, 0.0) else (0.0 - x, 0.0 - y)

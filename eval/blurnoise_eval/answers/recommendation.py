@@ -67,6 +67,7 @@ def best_exposure(exposures_s: Sequence[float], values: ArrayLike) -> int | None
     at = np.array([exposures_s[index] for index in plateau])
     if len(plateau) == 1 or not (np.isfinite(at).all() and (at > 0).all()):
         return int(tested[best])
+    # In log exposure, as exposures are tested: the middle is as many stops from either end of the plateau.
     middle = (math.log(at[0]) + math.log(at[-1])) / 2
     away = np.round(np.abs(np.log(at) - middle), 9)
     return int(min(zip(away, -value[plateau], plateau.tolist(), strict=True))[2])
@@ -84,6 +85,7 @@ def without_saturated(values: ArrayLike, saturated: ArrayLike, level: float) -> 
     """
     value, share = np.asarray(values, float), np.nan_to_num(np.asarray(saturated, float))
     least = np.where(value >= level, share, np.inf).min(axis=-1, keepdims=True)
+    # Bright scenes may saturate at every exposure that works: then the least of them is the yardstick.
     limit = np.maximum(SATURATED, least + AS_SATURATED)
     limit = np.where(least <= SATURATED, SATURATED, limit)
     return np.asarray(np.where((share > limit) & np.isfinite(value), 0.0, value))
@@ -186,6 +188,7 @@ class Averages:
         best = int(np.argmax(y))
         beside = [index for index in (best - 1, best + 1) if 0 <= index < len(x)]
         if len(beside) == 2 and y[beside].all():
+            # A parabola through three points has its top where its slope, linear in log exposure, is 0.
             bend, slope, _ = np.polyfit(x[best - 1 : best + 2] - x[best], y[best - 1 : best + 2], 2)
             top = x[best] - slope / (2 * bend) if bend < 0 else x[best]
             if np.abs(top - x).min() >= CLOSE:

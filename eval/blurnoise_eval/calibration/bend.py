@@ -29,6 +29,11 @@ class Bend:
     """shares, factors: of the points; shares are relative to the signal top_dn.
 
     straight_dn: mean of the last level on the line.
+
+    >>> factors = Estimate(1.0, 1.0, 1.0), Estimate(0.5, 0.4, 0.6)
+    >>> before_full = Bend((0.7, 1.0), factors, top_dn=4000.0, straight_dn=2800.0)
+    >>> before_full.factors[-1].value  # at the end half of the variance is left
+    0.5
     """
 
     shares: tuple[float, ...]
@@ -43,6 +48,7 @@ class _Gains:
     def __init__(self, flat: Sequence[Level], fit: Transfer, top_dn: float) -> None:
         mean, variance, error = columns(flat, "mean_dn", "variance_dn2", "variance_error_dn2")
         order = np.argsort(mean)
+        # K is variance over signal: read noise and rounding are taken off, and black level, too.
         signal = mean[order] - fit.dark.offset
         self.mean_dn, self.shares = mean[order], signal / top_dn
         self.gain = (variance[order] - fit.read_dn2 - 1 / 12) / signal
@@ -82,6 +88,7 @@ def bend_of(flat: Sequence[Level], fit: Transfer, top_dn: float, *, tone: bool) 
             freedom = count - beyond - 2  # K, the share of the first point, and the value of each other one
             if freedom > 0:
                 left = gains.fit(gains.bent(straight, beyond)[1])[0]
+                # F test: what the further points explain, over what is left; never over less than chance leaves.
                 gained = (min(plain) - left) / (beyond + 1) / max(1.0, left / freedom)
                 tried.append((float(fisher.sf(gained, beyond + 1, freedom)), straight, beyond))
     chance, straight, beyond = min(tried, default=(1.0, 0, 0))
@@ -89,6 +96,7 @@ def bend_of(flat: Sequence[Level], fit: Transfer, top_dn: float, *, tone: bool) 
         return None
     nodes, design = gains.bent(straight, beyond)
     chi_square, values, covariance = gains.fit(design)
+    # Where points scatter more than their errors say, the errors are too small.
     widened = max(1.0, chi_square / (count - len(nodes)))
     factors = values[1:] / values[0]
     along = np.hstack([-factors[:, None], np.eye(beyond)]) / values[0]

@@ -138,6 +138,7 @@ def _check_dark(dark: Sequence[Level]) -> None:
     if len({*exposure.tolist()}) < max(5, len(dark)):
         return
     one, other = np.triu_indices(len(dark), 1)
+    # Median of the slopes of all pairs: one wrong level is in few of them.
     slope = float(np.median((mean[other] - mean[one]) / (exposure[other] - exposure[one])))
     black = float(np.median(mean - slope * exposure))
     off = mean - slope * exposure - black
@@ -190,6 +191,7 @@ def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tup
     at_limit = [level.counts[math.ceil(limit) :].sum() / level.counts.sum() for level in flat]
     usable = [index for index, level in enumerate(flat) if level not in fallen and at_limit[index] < CLIPPED]
     if clip is not None:
+        # As EMVA 1288 does it; where that leaves too few levels, all that do not clip are used.
         linear = [index for index in usable if flat[index].mean_dn - dark_dn <= USED * (clip - dark_dn)]
         usable = linear if len(linear) >= FEWEST_FLAT else usable
     lost = f"{len(flat) - len(usable)} of {len(flat)} flat levels reach {limit:g} DN"

@@ -29,7 +29,11 @@ _MANY, _LOW = 100, 64
 
 
 class Scale(NamedTuple):
-    """How counts are stored: times ``step``, or stretched from ``bits`` (0: not) to 16."""
+    """How counts are stored: times ``step``, or stretched from ``bits`` (0: not) to 16.
+
+    >>> Scale(step=16).text
+    'all numbers are multiples of 16 (counts at the top of the 16 bits?)'
+    """
 
     step: int = 1
     bits: int = 0
@@ -54,7 +58,11 @@ class Scale(NamedTuple):
 
 
 class FrameNumbers(NamedTuple):
-    """The different numbers of a frame in rising order, without the largest of the type, where drivers clip."""
+    """The different numbers of a frame in rising order, without the largest of the type, where drivers clip.
+
+    >>> FrameNumbers.of("a.png", np.array([[16, 32], [16, 255]], np.uint8)).values.tolist()  # 255 may be clipped
+    [16, 32]
+    """
 
     name: str
     values: NDArray[np.uint16]
@@ -68,7 +76,11 @@ class FrameNumbers(NamedTuple):
 
 def scale_of(frames: Sequence[FrameNumbers]) -> Scale:
     """The scale of all frames of one gain. Raises ``ValueError`` if their scales differ, or the bytes of
-    their numbers are exchanged."""
+    their numbers are exchanged.
+
+    >>> scale_of([FrameNumbers("a.png", np.arange(0, 65520, 16).astype(np.uint16))])
+    Scale(step=16, bits=0)
+    """
     every = np.unique(np.concatenate([frame.values for frame in frames]))
     swapped = len(every) > _MANY and 0 < (every & 255).max() < _LOW and every.max() > 255
     refuse(swapped, f"{frames[0].name}: numbers have their two bytes exchanged; must be little-endian")
@@ -84,7 +96,11 @@ def scale_of(frames: Sequence[FrameNumbers]) -> Scale:
 
 
 def common_scale(scales: Iterable[Scale]) -> Scale:
-    """The scale of all gains."""
+    """The scale of all gains.
+
+    >>> common_scale([Scale(step=16), Scale(step=64)])
+    Scale(step=16, bits=0)
+    """
     every = set(scales)
     bits = {scale.bits for scale in every}
     if len(bits) == 1 and 0 not in bits:
@@ -105,7 +121,10 @@ def _of(numbers: NDArray[np.uint16]) -> Scale:
 
 
 def check_wrapped(name: str, plane: Plane) -> None:
-    """Raise ``ValueError`` for a dark frame whose numbers below 0 have wrapped to the largest."""
+    """Raise ``ValueError`` for a dark frame whose numbers below 0 have wrapped to the largest.
+
+    >>> check_wrapped("dark.png", np.full((8, 8), 100, np.uint16))  # raises where numbers below 0 have wrapped
+    """
     top = np.iinfo(plane.dtype).max
     below, above = plane < top // _EDGE, plane > top - top // _EDGE
     low, high = np.mean(below), np.mean(above & (plane < top))  # hot pixels are at the top itself

@@ -27,7 +27,11 @@ _BLOCKS = 8  # along each side
 
 @dataclass(frozen=True)
 class Doubt:
-    """figures: names of the doubtful figures; margin: by which the interval of the first grows on both sides."""
+    """figures: names of the doubtful figures; margin: by which the interval of the first grows on both sides.
+
+    >>> Doubt(("dsnu_e",), "hot pixels").margin
+    0.0
+    """
 
     figures: tuple[str, ...]
     text: str

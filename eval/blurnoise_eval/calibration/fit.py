@@ -158,6 +158,7 @@ class _GainFrames:
         dark, self.dark_mean = [], np.zeros(())
         for frames in files.dark:
             level, mean = level_of(self.means.add(files.planes(frames)), frames[0])
+            # Each level's own mean is taken off, so that exposures of any length average to one pattern.
             dark.append(level)
             self.dark_mean = self.dark_mean + (mean - level.mean_dn) / len(files.dark)
         self.noise = noise = self.means.noise(dark)

@@ -27,6 +27,13 @@ class Level:
     the means of the frames, relative to the signal (0 in the dark). row_share: share of the temporal variance that
     whole rows have in common. correlation: of the temporal noise of neighbours, along rows or columns, whichever is
     larger. counts (65536,): number of pixels with each digital number.
+
+    >>> from pathlib import Path
+    >>> taken = FrameFile(file=Path("dark.npy"), kind="dark", exposure_s=0.01)
+    >>> planes = [np.full((2, 2), 10, np.uint16), np.full((2, 2), 12, np.uint16)]
+    >>> level, _ = level_of(planes, taken)
+    >>> level.drift_dn, level.highest_dn, level.share(10)
+    (2.0, 12, 0.5)
     """
 
     taken: FrameFile
@@ -102,6 +109,7 @@ def level_of(planes: Iterable[Plane], taken: FrameFile, dark_dn: float = 0.0) ->
             values = dark_dn + (values - dark_dn) * (reference / light)
         else:
             values += means[0] - means[-1]
+        # The fixed pattern cancels with it, too, which leaves temporal noise alone.
         values -= first  # differences keep the precision of the sums
         total += values
         squares += values * values
@@ -134,12 +142,26 @@ def level_of(planes: Iterable[Plane], taken: FrameFile, dark_dn: float = 0.0) ->
 
 
 def columns(levels: Sequence[Level], *names: str) -> list[Floats]:
-    """An array (N,) of each field over N levels; names: such as "mean_dn", "taken.photons_per_px"."""
+    """An array (N,) of each field over N levels; names: such as "mean_dn", "taken.photons_per_px".
+
+    >>> from pathlib import Path
+    >>> taken = FrameFile(file=Path("dark.npy"), kind="dark", exposure_s=0.01)
+    >>> level, _ = level_of([np.full((2, 2), 10, np.uint16)] * 2, taken)
+    >>> [column.tolist() for column in columns([level], "exposure_s", "mean_dn")]
+    [[0.01], [10.0]]
+    """
     return [np.array([*map(attrgetter(name), levels)], float) for name in names]
 
 
 def frame_scatter(levels: Sequence[Level]) -> float:
-    """Standard deviation of the means of frames within their levels, DN."""
+    """Standard deviation of the means of frames within their levels, DN.
+
+    >>> from pathlib import Path
+    >>> taken = FrameFile(file=Path("dark.npy"), kind="dark", exposure_s=0.01)
+    >>> level, _ = level_of([np.full((2, 2), 10, np.uint16), np.full((2, 2), 12, np.uint16)], taken)
+    >>> round(frame_scatter([level]), 3)  # of 10 and 12: the root of 2
+    1.414
+    """
     squares = sum(level.frames * float(np.var(level.means_dn)) for level in levels)
     return math.sqrt(squares / sum(level.frames - 1 for level in levels))
 

@@ -28,7 +28,13 @@ _COARSE = 64  # pixels along the shorter side, for the average over the field
 
 
 def electrons_per_lux_s(camera: Camera, illuminant: str | Curve = "D55") -> float:
-    """Mean electrons per lux second behind the strongest filter, over the field of the lens."""
+    """Mean electrons per lux second behind the strongest filter, over the field of the lens.
+
+    >>> camera = Camera.preset("imx250")
+    >>> falling = camera.with_figures(falloff_power=4.0, hfov_deg=60.0)
+    >>> 0.7 < electrons_per_lux_s(falling) / electrons_per_lux_s(camera) < 0.9  # mean over the field
+    True
+    """
     height, width = camera.field.size
     step = max(1, min(height, width) // _COARSE)
     field = lens.light(camera.field, (max(1, height // step), max(1, width // step)))
@@ -39,10 +45,16 @@ def tied(camera: Camera, measured: float, source: str, illuminant: str | Curve =
     """The figures with which :func:`electrons_per_lux_s` of the camera has the value ``measured``.
 
     source: of the measurement. Raises ``ValueError`` if that needs a quantum efficiency above 1.
+
+    >>> camera = Camera.preset("imx250")
+    >>> half = tied(camera, 0.5 * electrons_per_lux_s(camera), "a grey card")
+    >>> round(half["transmission"][0] / camera.lens.transmission, 3)
+    0.5
     """
     lens_source = camera.sources.get("transmission", "assumed")
     lens_known = "assum" not in lens_source and _TIED not in lens_source
     whole = camera if lens_known else camera.with_figures(transmission=1.0)
+    # Electrons are proportional to transmission and to quantum efficiency alike: frames cannot tell them apart.
     share = measured / electrons_per_lux_s(whole, illuminant)
     by = f"{source}: {measured:.4g} {_TIED}, mean over the field"
     known: Known = {}

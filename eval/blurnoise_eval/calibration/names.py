@@ -39,6 +39,9 @@ class NamedKind(NamedTuple):
     """Kind of a frame by a name: "dark", "flat", "light" (a picture of something) or "".
 
     averaged: whether it is an average of frames. of_flats: a dark flat, a dark frame at the exposure of flat ones.
+
+    >>> kind_of("masterDark"), kind_of("portrait").kind
+    (NamedKind(kind='dark', averaged=True, of_flats=False), '')
     """
 
     kind: str
@@ -64,6 +67,9 @@ class NamedExposure(NamedTuple):
     """An exposure in a name, s: as a number behind another, as a decimal, and as a fraction.
 
     ``3_10ms`` is number 3 of 10 ms, or 3.10 ms; ``1_250s`` also 1/250 s. digits: the step of the last digit, s.
+
+    >>> exposure_of("flat_10ms").clear, exposure_of("flat_10ms").agrees(0.01)
+    (True, True)
     """
 
     readings: tuple[float, float, float]
@@ -109,7 +115,12 @@ def fitting_reading(exposures: Sequence[NamedExposure], signals: Sequence[float]
 
     signals: of flat frames that do not clip, DN above the dark ones; NaN for other frames. If the number in front is
     the same in all names, it does not count the frames, so it is tried as part of the exposure first.
+
+    >>> exposures = [exposure_of(f"flat_{number}_{number * 10}ms") for number in (1, 2, 3)]
+    >>> fitting_reading(exposures, [100.0, 200.0, 300.0])  # the numbers count: 10, 20 and 30 ms
+    0
     """
+    # A counter differs from frame to frame; a decimal's whole part may be the same in all.
     constant = len({exposure.before for exposure in exposures}) == 1
     light = np.asarray(signals)
     known = light > 0  # nor where it is NaN

@@ -34,7 +34,11 @@ _CORRELATED = (
 
 @dataclass(frozen=True)
 class LineVariances:
-    """Variances of rows, columns and pixels."""
+    """Variances of rows, columns and pixels.
+
+    >>> LineVariances(Uncertain(4.0, 1.0), Uncertain(1.0, 1.0), Uncertain(9.0, 0.1)).lines.value  # of sure ones
+    4.0
+    """
 
     row: Uncertain
     column: Uncertain
@@ -65,6 +69,12 @@ def dark_pattern(halves: Halves) -> DarkPattern:
     """The pattern of dark frames. Each site of a mosaic varies about its own mean.
 
     Hot pixels are left out, because their temporal noise is far larger than that of the others.
+
+    >>> drawn = np.random.default_rng(0)
+    >>> pattern = drawn.normal(0.0, 3.0, (64, 64))
+    >>> halves = tuple(100 + pattern + drawn.normal(0.0, 1.0, (64, 64)) for _ in range(2))
+    >>> round(dark_pattern(halves).fixed.value)  # the square of 3, whatever the noise of the halves
+    9
     """
     mean = (halves[0] + halves[1]) / 2
     hot = hot_pixels(mean)
@@ -73,6 +83,7 @@ def dark_pattern(halves: Halves) -> DarkPattern:
         used = ~hot[site]
         one, other = (half[site][used] - half[site][used].mean() for half in halves)
         every.append((mean[site] - np.median(mean[site])).ravel())
+        # Temporal noise is independent in both halves, so that it is 0 in the mean of their product.
         fixed.append(one * other)
         squares.append(((one + other) / 2) ** 2)
     products, freedom = np.concatenate(fixed), hot.size - int(hot.sum()) - len(_SITES)
@@ -138,6 +149,11 @@ def separate(
 
     Row and column means also contain noise of their pixels. A filter that leaves the share ``remaining`` of the
     variance of rows leaves 1 - (1 - remaining)^2 of that of pixels.
+
+    >>> of_rows, of_columns, total = Uncertain(5.0, 0.0), Uncertain(1.0, 0.0), Uncertain(106.0, 0.0)
+    >>> variances = separate(of_rows, of_columns, total, shape=(100, 100))
+    >>> round(variances.pixel.value), round(variances.row.value), abs(round(variances.column.value))  # 5 - 100 / 100
+    (102, 4, 0)
     """
     height, width = shape
     left = 1 - (1 - remaining) ** 2 - remaining / height - remaining / width
@@ -150,7 +166,13 @@ def separate(
 
 
 def hot_pixels(mean: Floats) -> Mask:
-    """Pixels of a dark mean frame (H, W) that lie far from the others of their site in a mosaic."""
+    """Pixels of a dark mean frame (H, W) that lie far from the others of their site in a mosaic.
+
+    >>> mean = np.random.default_rng(0).normal(10.0, 0.1, (20, 20))
+    >>> mean[3, 4] = 50.0
+    >>> np.argwhere(hot_pixels(mean)).tolist()
+    [[3, 4]]
+    """
     hot = np.zeros(mean.shape, bool)
     for site in _SITES:
         # one step of the converter is no outlier, however little the others vary
@@ -159,7 +181,12 @@ def hot_pixels(mean: Floats) -> Mask:
 
 
 def outlying(values: Floats, least: float = 0.0) -> Mask:
-    """Values, of mean 0, beyond ``_OUTLYING`` deviations (estimated by the median) and beyond ``least``."""
+    """Values, of mean 0, beyond ``_OUTLYING`` deviations (estimated by the median) and beyond ``least``.
+
+    >>> outlying(np.array([-1.0, 1.0, -1.0, 1.0, 20.0])).tolist()
+    [False, False, False, False, True]
+    """
+    # 1 / Phi^-1(3/4): of a normal distribution the median of magnitudes times this is the deviation.
     deviation = 1.4826 * float(np.median(np.abs(values)))
     return np.asarray(np.abs(values) > max(_OUTLYING * deviation, least))
 
@@ -170,7 +197,11 @@ def without_shading(mean: Floats) -> Floats:
 
 
 def smooth(mean: Floats, left_out: Mask) -> Floats:
-    """Mean of the 7 x 7 pixels of the same site around each pixel of ``mean`` (H, W), without those left out."""
+    """Mean of the 7 x 7 pixels of the same site around each pixel of ``mean`` (H, W), without those left out.
+
+    >>> float(smooth(np.full((16, 16), 7.0), np.zeros((16, 16), bool)).mean())
+    7.0
+    """
     smoothed = np.empty_like(mean)
     for site in _SITES:
         used, level = (~left_out[site]).astype(np.float64), np.median(mean[site])

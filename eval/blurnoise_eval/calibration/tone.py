@@ -42,6 +42,7 @@ _ENDS = 16  # values at both ends that a bracket need not contain
 _LEAST_COMMON = 128  # values of 256 that two pictures must share
 _OFF = 0.05  # relative error of the light of a picture above which its exposure time is doubtful
 _VALUES = np.arange(256.0)
+# The fit is of the difference to sRGB, which cameras depart from smoothly.
 _SRGB = np.log(np.maximum(linear_from_srgb(torch.from_numpy(_VALUES / 255)).numpy(), 1e-6))
 _POINTS = np.unique([0, 1, 2, 3, 4, 6, 8, 12, *range(16, 256, 8), 255])  # values of the curve's points
 

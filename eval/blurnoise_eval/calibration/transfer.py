@@ -49,6 +49,9 @@ class FittedLine:
     """offset + slope x, with standard deviations; the slope is NaN if all x are equal.
 
     change: of the slope from the first to the last level, where that was fitted.
+
+    >>> FittedLine(offset=10.0, slope=2.0, offset_error=0.1, slope_error=0.1).at(3.0)
+    16.0
     """
 
     offset: float
@@ -68,6 +71,11 @@ class Transfer:
 
     dark: the dark mean over the exposure. widened: the variances scatter beyond chance, and the covariance is widened
     to that. hidden_dn2_s: dark charge that variances show and means do not.
+
+    >>> line = FittedLine(10.0, 0.0, 0.1, 0.1)
+    >>> transfer = Transfer(0.5, 4.0, 0.0, np.zeros((3, 3)), line, widened=False, rounding=False)
+    >>> transfer.noise_dn, round(transfer.at(110.0), 3)  # 4 + 1/12 + 0.5 x 100
+    (2.0, 54.083)
     """
 
     gain: float
@@ -212,6 +220,7 @@ class _Data:
         names = ("exposure_s", "mean_dn", "variance_dn2", "mean_error_dn", "variance_error_dn2", "pixels")
         self.exposure_s, self.mean, self.variance, mean_error, noise, pixels = columns([*dark, *flat], *names)
         self.dark, self.pattern, self.line = len(dark), pattern, dark_line(dark)
+        # Only there does rounding depend on where between two numbers the mean lies.
         self.rounding = float(self.variance[: self.dark].min()) - 1 / 12 < PLAIN_DN2
         self._counted = 1.5 / pixels  # variance of one pixel that is off by one
         self._relative = np.maximum(noise / np.maximum(self.variance, 1e-9), 1e-6)
@@ -253,6 +262,7 @@ class _Data:
         """The best of several starts for read noise and the phase of the black level: there are several minima."""
         gain, _, spread, offset, slope = start
         starts = [start]
+        # Read noise from .04 DN on, in steps of half as much again; a black level anywhere between two numbers.
         for step, phase in product(range(8), (-0.4, -0.2, 0.0, 0.2, 0.4)):
             starts.append(np.array([gain, (0.04 * 1.5**step) ** 2, spread, offset + phase, slope]))
         return min(starts, key=lambda values: float((self.residuals(values) ** 2).sum()))

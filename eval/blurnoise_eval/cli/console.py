@@ -42,6 +42,8 @@ def print_opening(data: RunData) -> None:
         say_wrapped(_in_ascii(found.legend + more), 2, 2)
     for title, text in found.notes:
         say_wrapped(_in_ascii(f"{title}: {text}"), hanging=2)
+    for line in found.lights:
+        say_wrapped(_in_ascii(line), hanging=2)
 
 
 def _in_ascii(line: str) -> str:

@@ -15,7 +15,8 @@ from blurnoise_eval.system.terminal import say_wrapped
 
 
 @settings(
-    SceneFile, "*", "trajectory", "object", "camera", "grey_anchor", "picture_tone", "hdr", "bit_depth", "seed",
+    SceneFile, "*", "distance_m", "sheeting", "trajectory", "object", "camera",
+    "grey_anchor", "picture_tone", "hdr", "bit_depth", "seed",
     file="scene",
 )  # fmt: skip
 def simulate(
@@ -43,6 +44,8 @@ def simulate(
       blurnoise simulate road.jpg -o out.png --ego-kmh 80 --explain
       blurnoise simulate car.jpg -o out.png --object 300,120,64,64 \\
           --moves targets --dx 1500
+      blurnoise simulate sign.jpg -o out.png --object 300,120,32,32 --lux 1 \\
+          --headlamp low --distance-m 50 --sheeting III
       blurnoise simulate --save-scene scene.yaml     all settings, to edit
 
     --lux is the illuminance of the scene. A white pixel of the picture reflects all of the light, other pixels their
@@ -56,13 +59,15 @@ def simulate(
     from blurnoise_eval.datasets import Image, picture_doubts, write_picture
     from blurnoise_eval.default_camera import camera_text, is_grey_light
     from blurnoise_eval.plan.conditions import reflectance_text
-    from blurnoise_eval.simulation.figures import figures
+    from blurnoise_eval.simulation.figures import figures, headlit_figures
     from blurnoise_eval.simulation.scene_file import light_of, opened
 
     config.at()
     light = light_of(image, config)
     colour, native = not is_grey_light(light), config.bit_depth == "native"
-    scene, exposure, cut = opened(config, light, inputs.camera(config.camera, config.cfa, colour=colour))
+    scene, exposure, cut, headlit = opened(
+        config, light, inputs.camera(config.camera, config.cfa, colour=colour)
+    )
     options = TakeOptions(
         wanted=("raw",) if native else ("raw", "8 bit"),
         fidelity=config.fidelity,
@@ -75,6 +80,8 @@ def simulate(
         suffix = "" if number == 1 else f"_{number}"
         write_picture(output.with_name(f"{output.stem}{suffix}{output.suffix}"), picture)
     facts = {"output": str(output), **figures(scene, exposure, frames.raw[0], cut)}
+    if headlit is not None:
+        facts |= headlit_figures(headlit, exposure)
     if config.grey_anchor is not None or config.emitters is not None or config.picture_tone == "linear":
         facts["above_white_percent"] = 100 * float((light.amax(1) > 1).double().mean())
     facts["reflectance"] = reflectance_text(config.grey_anchor, "--grey-anchor")

@@ -16,6 +16,7 @@ from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
 from blurnoise_eval.scoring.on_picture import NOTHING
 
 Image = NDArray[np.uint8]
+# Different on opposite sides, so that a wrong offset cannot cancel by the mirroring.
 _CUT = (0.04, 0.08, 0.08, 0.04)  # shares of a picture that its mirrored view lacks: left, top, right, bottom
 _FEWEST_SHIFTED = 8  # labelled objects, found by their boxes, from which their classes say something
 
@@ -38,7 +39,13 @@ def detected(detector: Detector, image: Image) -> tuple[Detections, str]:
 
 
 def mirrored_view(image: Image, found: Detections) -> tuple[Image, Detections]:
-    """Mirrored crop, and the detections at least half visible in it."""
+    """Mirrored crop, and the detections at least half visible in it.
+
+    >>> found = Detections([[40.0, 40.0, 60.0, 60.0]], [0.9], [0])
+    >>> view, mirrored = mirrored_view(np.zeros((100, 100, 3), np.uint8), found)
+    >>> view.shape[:2], mirrored.boxes_xyxy.tolist()
+    ((88, 88), [[32.0, 32.0, 52.0, 52.0]])
+    """
     height, width = image.shape[:2]
     left, top, right, bottom = np.round(np.multiply(_CUT, (width, height) * 2)).astype(int).tolist()
     right, bottom = width - right, height - bottom
@@ -51,7 +58,12 @@ def mirrored_view(image: Image, found: Detections) -> tuple[Image, Detections]:
 
 
 def agreement(one: Detections, other: Detections) -> float:
-    """The sum over pairs of one class, the best first, of the lower score times the overlap, from a half on."""
+    """The sum over pairs of one class, the best first, of the lower score times the overlap, from a half on.
+
+    >>> one = Detections([[0.0, 0.0, 10.0, 10.0]], [0.9], [0])
+    >>> round(agreement(one, Detections([[0.0, 0.0, 10.0, 10.0]], [0.5], [0])), 3)  # the lower score, full overlap
+    0.5
+    """
     overlap = iou(one.boxes_xyxy, other.boxes_xyxy)
     overlap[(one.class_ids[:, None] != other.class_ids) | (overlap < MATCH_IOU)] = 0
     total = 0.0
@@ -67,6 +79,11 @@ def shifted_classes(found: Sequence[Detections], labelled: Sequence[Detections |
 
     Boxes fit then, and the mirrored view agrees, too: only labels show that numbers begin with 1, or that the
     background comes first. Each object counts with the likeliest detection that overlaps it by half.
+
+    >>> of_eight = [[20.0 * number, 0.0, 20.0 * number + 10, 10.0] for number in range(8)]
+    >>> found, labels = (Detections(of_eight, [0.9] * 8, [number] * 8) for number in (3, 2))
+    >>> shifted_classes([found], [labels])[:54]
+    'outputs or classes may be wrong: 8 of 8 labelled objec'
     """
     steps = Counter[int]()
     for seen, labels in zip(found, labelled, strict=True):

@@ -6,7 +6,7 @@ strictly: what cannot be meant is a ``ValueError`` of one line that names the fi
 
 from blurnoise_eval.datasets.bdd_labels import bdd
 from blurnoise_eval.datasets.coco_labels import coco
-from blurnoise_eval.datasets.cut_outs import check_cut, check_labelled, cut_out, target_mask
+from blurnoise_eval.datasets.cut_outs import check_cut, check_labelled, cut_out, outlines, target_mask
 from blurnoise_eval.datasets.folder import image_folder, picture_doubts
 from blurnoise_eval.datasets.images import (
     content,
@@ -36,6 +36,6 @@ from blurnoise_eval.datasets.yolo_labels import yolo
 __all__ = [
     "DOUBTFUL_LABELS", "RENDERED_SIZE_PX", "Image", "Picture", "PictureSet", "Target", "UnreadablePicture", "bdd",
     "check_cut", "check_labelled", "coco", "content", "cut_out", "decode", "decode_linear", "eight_bit", "encode",
-    "image_folder", "picture_doubts", "read_picture", "rendered_signs", "rendered_texts", "sample", "size_group",
-    "size_px", "target_mask", "texts", "voc", "write_picture", "yolo",
+    "image_folder", "outlines", "picture_doubts", "read_picture", "rendered_signs", "rendered_texts", "sample",
+    "size_group", "size_px", "target_mask", "texts", "voc", "write_picture", "yolo",
 ]  # fmt: skip

@@ -7,7 +7,7 @@ was rendered, else inpainted from around it (:mod:`blurnoise.scene.cutting`).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import groupby
@@ -19,6 +19,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import Window, placed
 from blurnoise.blur.layers import Layer, flattened, meeting, seen_behind
+from blurnoise.light.headlit import Outline
 from blurnoise.scene import cutting
 from blurnoise.scene.cutting import Cut, Matte
 from blurnoise.scene.exposure import Exposure
@@ -97,6 +98,43 @@ def target_mask(picture: Picture, size: tuple[int, int]) -> Matte:
     return np.asarray(np.max(mattes, axis=0), np.float32) if mattes else np.zeros(size, np.float32)
 
 
+def outlines(picture: Picture, size: tuple[int, int]) -> list[Outline | None]:
+    """The targets of a picture (H, W) for headlamps to light, in their order; None of crowds.
+
+    A rendered target has its own matte, others that of their segmentation; without either the whole box counts.
+    """
+    targets = picture.targets or ()
+    if picture.cut is None:
+        return [None if target.crowd else _outline(target, size) for target in targets]
+    layers = picture.cut().layers
+    return [
+        Outline(target.label, target.box_xyxy, *_within(layer, size))
+        for target, layer in zip(targets, layers, strict=True)
+    ]
+
+
+def _within(layer: Layer, size: tuple[int, int]) -> tuple[Matte, tuple[int, int], bool]:
+    """The matte of a layer within the picture, its place, and that it is an outline."""
+    alpha = placed(layer.alpha[None, None], layer.place_px, Window(0, 0, *size), size, "replicate")[0, 0]
+    return (*_trimmed(alpha.numpy()), True)
+
+
+def _outline(target: Target, size: tuple[int, int]) -> Outline:
+    with suppress(ValueError):
+        matte = segmentation.of_annotation(target.annotation, size)
+        if matte.any():
+            return Outline(target.label, target.box_xyxy, *_trimmed(matte), outlined=True)
+    return Outline(target.label, target.box_xyxy)
+
+
+def _trimmed(matte: Matte) -> tuple[Matte, tuple[int, int]]:
+    rows, columns = np.flatnonzero(matte.any(1)), np.flatnonzero(matte.any(0))
+    if not len(rows):
+        return matte[:0, :0], (0, 0)
+    part = matte[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return part, (int(columns[0]), int(rows[0]))
+
+
 def _need_layers(
     back_to_front: Sequence[int], targets: Sequence[Target], objects: ObjectSettings
 ) -> list[int]:
@@ -157,11 +195,16 @@ class CutScene:
 
     scene: the background, and before it the targets as layers that move at a speed. speeds: one for each layer of the
     cut, by default 1: a multiple of the exposure's velocity. Where the camera tracks targets of speed 1, one of speed
-    s is left with 1 - s, so that one that stands moves with the background.
+    s is left with 1 - s, so that one that stands moves with the background. headlamp_lux: of the background by beam;
+    layers have their own.
     """
 
     def __init__(
-        self, cut: Cut, speeds: Sequence[float] | None = None, lamp_mask: Tensor | None = None
+        self,
+        cut: Cut,
+        speeds: Sequence[float] | None = None,
+        lamp_mask: Tensor | None = None,
+        headlamp_lux: Mapping[str, Tensor] = {},
     ) -> None:
         factors = (1.0,) * len(cut.layers) if speeds is None else speeds
         self._cut = cut
@@ -172,7 +215,9 @@ class CutScene:
             near = meeting([layer.window.grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in alike])
             together = (flattened([alike[index] for index in indices]) for _, indices in near)
             self._joined += [replace(layer, speed=speed) for layer in together]
-        self.scene = Scene(cut.background, layers=tuple(self._joined), lamp_mask=lamp_mask)
+        self.scene = Scene(
+            cut.background, layers=tuple(self._joined), lamp_mask=lamp_mask, headlamp_lux=headlamp_lux
+        )
         self._shares: dict[tuple[float, ...], tuple[float, ...]] = {}
 
     def invented(self, exposure: Exposure) -> tuple[float, ...]:

@@ -123,6 +123,7 @@ def _stored(path: Location, max_megapixels: float, known: str | None = None) -> 
         if page := tiff.first_page(data):
             _check_size(path, page.size_px, max_megapixels)
         if header and header.multiplied:
+            # Colours as they are stored, where OpenCV would make transparent pixels dark.
             with PIL.Image.open(BytesIO(data)) as opened:  # its mapped files it turns wrongly
                 return np.asarray(PIL.ImageOps.exif_transpose(opened).convert("RGB"))
         decoded = tiff.decode(data, page) if page else _by_opencv(data)

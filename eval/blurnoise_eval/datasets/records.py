@@ -93,6 +93,7 @@ class Part:
 
     def has(self, picture: str) -> bool:
         """Whether a picture of this name belongs to it, by the name's hash."""
+        # By the name and not by the order in a list, which may differ between machines.
         digest = hashlib.blake2b(picture.encode("utf-8", "surrogatepass"), digest_size=8).digest()
         return int.from_bytes(digest, "little") % self.count == self.number - 1
 

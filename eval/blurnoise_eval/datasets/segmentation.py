@@ -72,13 +72,18 @@ def _inside(corners: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.u
     middles = np.arange(size[0]) + 0.5
     edge, row = np.nonzero((y0[:, None] <= middles) != (y1[:, None] <= middles))
     x = x0[edge] + (middles[row] - y0[edge]) / (y1 - y0)[edge] * (x1 - x0)[edge]
+    # Edges change the parity at the first middle to their right; sums along the row give every cell's.
     crossed = np.zeros((size[0], size[1] + 1), np.uint8)
     np.add.at(crossed, (row, np.ceil(x - 0.5).clip(0, size[1]).astype(np.int64)), 1)
     return np.asarray(np.bitwise_xor.accumulate(crossed & 1, axis=1)[:, :-1])
 
 
 def of_rle(counts: str | bytes | Sequence[int], size: tuple[int, int]) -> Matte:
-    """Of COCO's run lengths, column by column, compressed or not, in a picture (H, W)."""
+    """Of COCO's run lengths, column by column, compressed or not, in a picture (H, W).
+
+    >>> of_rle([1, 2, 1], (2, 2)).tolist()  # down the columns: one outside, two inside, one outside
+    [[0.0, 1.0], [1.0, 0.0]]
+    """
     from faster_coco_eval.core import mask
 
     runs: Any = {"size": [*size], "counts": counts}

@@ -75,6 +75,7 @@ class Selection:
         """Read the sizes of some pictures, which boxes are checked by."""
         if not names:
             return
+        # Evenly spread, as files next to each other are often of one camera.
         some = np.linspace(0, len(names) - 1, min(_LOOKED_AT, len(names))).round().astype(int)
         self._sizes = sizes_px(self.folder, [names[index] for index in np.unique(some)])
 

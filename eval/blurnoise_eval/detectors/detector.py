@@ -61,6 +61,7 @@ class Detector(OnnxModel):
         signature = read_signature(self, size_px or _PROBE_SIZE_PX)
         self.contract, layout = resolve(signature, stated)
         self.input_size_px = self.contract.input_size_px or _PROBE_SIZE_PX
+        # Shapes of outputs depend on the size of the input.
         if signature.size_px != self.input_size_px:  # dynamic graph, recognised at another size
             signature = read_signature(self, self.input_size_px)
             _, layout = resolve(signature, self.contract)
@@ -147,6 +148,7 @@ class Detector(OnnxModel):
         own_size = self.contract.resize == "none"
         size_px = (placement.height_px, placement.width_px) if own_size else self.input_size_px
         candidates = self.family.decode(outputs, size_px, min_score)
+        # Half precision may round a score of 1 up a little; logits read as scores are far beyond.
         if candidates.scores.max(initial=0) > 1.01:
             raise ModelError(
                 f"{self.path.name}: score = {candidates.scores.max():g}: must be <= 1; the family "

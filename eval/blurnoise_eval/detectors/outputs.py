@@ -34,7 +34,11 @@ EXAMPLE = "picture, xyxy, score, class"
 
 @dataclass(frozen=True)
 class Column:
-    """Of an output, or several side by side: a box, or the scores of all classes. how: "in shares", "by sigmoid"."""
+    """Of an output, or several side by side: a box, or the scores of all classes. how: "in shares", "by sigmoid".
+
+    >>> str(Column("xyxy", "in shares"))
+    'xyxy in shares'
+    """
 
     kind: str
     how: str = ""
@@ -45,7 +49,11 @@ class Column:
 
 @dataclass(frozen=True)
 class Output:
-    """One output of a graph. name: "" where the number of its columns selects it."""
+    """One output of a graph. name: "" where the number of its columns selects it.
+
+    >>> Output("boxes", (Column("xyxy"), Column("scores"))).width(classes=80)
+    84
+    """
 
     name: str
     columns: tuple[Column, ...]
@@ -103,10 +111,18 @@ def _column(text: str) -> Column:
 
 
 def written(outputs: Iterable[Output]) -> str:
-    """The text that :func:`parsed` reads."""
+    """The text that :func:`parsed` reads.
+
+    >>> written(parsed("labels: class from 1;boxes: xyxy in px, score"))
+    'labels: class from 1; boxes: xyxy, score'
+    """
     return "; ".join(map(str, outputs))
 
 
 def checked(value: object) -> object:
-    """A text in its usual form, for a field of a contract; other values as they are."""
+    """A text in its usual form, for a field of a contract; other values as they are.
+
+    >>> checked("xyxy, score,class"), checked(None)
+    ('xyxy, score, class', None)
+    """
     return written(parsed(value)) if isinstance(value, str) else value

@@ -68,6 +68,11 @@ class Answers:
 
     counts: (P,) detections of each. boxes_xyxy, scores, class_ids, leads: of all N of them, as of
     :class:`Detections`, of each picture the highest score first.
+
+    >>> first = Detections([[0, 0, 10, 10], [0, 0, 5, 5]], [0.9, 0.4], [0, 0])
+    >>> answers = Answers.of([("a.png", 0, first), ("b.png", 0, first[:0])])
+    >>> answers.counts.tolist(), answers.picture.tolist()
+    ([2, 0], [0, 0])
     """
 
     names: Sequence[str]
@@ -100,6 +105,7 @@ class Answers:
 
     def in_order(self, order: NDArray[np.int64]) -> Answers:
         """The same of pictures in another order."""
+        # In order already, as a sweep writes them: nothing to copy.
         if (np.diff(order) == 1).all():
             return self
         counts = self.counts[order]

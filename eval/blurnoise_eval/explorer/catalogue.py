@@ -32,7 +32,7 @@ from blurnoise_eval.explorer.state import (
     with_figures,
 )
 from blurnoise_eval.explorer.subject import Rendered, Subject
-from blurnoise_eval.plan.axes import MOVES, NAMES
+from blurnoise_eval.plan.axes import HEADLAMP, MOVES, NAMES
 from blurnoise_eval.plan.conditions import Cell
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.exposing import Frame
@@ -158,7 +158,7 @@ class Catalogue:
         camera = self.camera(replace(state, figures=()))
         every = controls(camera, self._tested)
         if not state.picture.startswith(("sign-", f"{OF_RUN}/")):  # the targets of others are unknown
-            del every[MOVES.name]
+            del every[MOVES.name], every[HEADLAMP.name]
         return every
 
     def render(self, state: State) -> Rendered:

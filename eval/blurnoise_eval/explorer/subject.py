@@ -27,7 +27,7 @@ from blurnoise_eval.datasets import Picture
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.explorer.verdict import Point, Standard, mean_confidence
-from blurnoise_eval.plan.axes import EGO, EXPOSURE, MOVES, VELOCITY
+from blurnoise_eval.plan.axes import EGO, EXPOSURE, HEADLAMP, MOVES, VELOCITY
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.plan.plan import usual_plan
 from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
@@ -83,7 +83,7 @@ class Subject:
         """The picture ``smaller`` times smaller, with its motion and defocus; each pixel has the noise of a
         full one. Raises ``ValueError`` where parts of the picture move apart."""
         n, at = self.smaller, state.at
-        if at[EGO.name] or at[MOVES.name] or self.scene.plan.lamps is not None:
+        if any(at[axis.name] for axis in (EGO, MOVES, HEADLAMP)) or self.scene.plan.lamps is not None:
             raise ValueError("preview: needs one motion of the whole picture, and no lamps")
         slower = {name: (at[name] or 0.0) / n for name in VELOCITY}
         defocus_px = at.exposure(camera).camera.lens.defocus_radius_px / n

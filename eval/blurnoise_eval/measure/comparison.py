@@ -104,6 +104,9 @@ def compared(
     """Compare two values. error: standard error of the difference, for a relative one of the logarithm of the ratio.
 
     freedom: degrees of freedom of ``error`` (Student's t). about: other fields of the comparison.
+
+    >>> compared(Measure("mean", "mean, DN"), real=100.0, simulated=100.0, error=0.01).verdict
+    'agrees'
     """
     relative = measure.scale == "relative"
     if math.isnan(error) or (relative and not min(real, simulated) > 0):
@@ -128,13 +131,19 @@ def corrected(comparisons: Sequence[MeasureComparison]) -> list[MeasureCompariso
     known = sorted(pair for pair in p_values if math.isfinite(pair[0]))
     adjusted, highest = list(comparisons), 0.0
     for passed, (p_value, index) in enumerate(known):
+        # Holm: the smallest times the number of comparisons, the next times one less, and never falling.
         highest = max(highest, min(1.0, p_value * (len(known) - passed)))
         adjusted[index] = replace(comparisons[index], p_value=highest)
     return adjusted
 
 
 def summary(comparisons: Sequence[MeasureComparison]) -> list[tuple[tuple[str, ...], str]]:
-    """A row per measure, as ``HEADS``, of the level that differs most; and the verdict about all of its levels."""
+    """A row per measure, as ``HEADS``, of the level that differs most; and the verdict about all of its levels.
+
+    >>> agrees = compared(Measure("mean", "mean, DN"), real=100.0, simulated=100.0, error=0.01)
+    >>> summary([agrees])[0][0][:2]
+    ('mean, DN', 'agrees')
+    """
     rows: list[tuple[tuple[str, ...], str]] = []
     for measure in dict.fromkeys(comparison.measure for comparison in comparisons):
         levels = [comparison for comparison in comparisons if comparison.measure == measure]

@@ -36,6 +36,10 @@ class LinearPicture:
     """A linear picture (C, H, W) float64, with full scale and black level (the value without light) in ``unit``.
 
     notes: assumptions, a sentence each.
+
+    >>> picture = LinearPicture(torch.full((3, 8, 8), 0.5), full_scale=1.0, black_level=0.1)
+    >>> round(float(picture.grey[0, 0]), 3)
+    0.4
     """
 
     picture: Tensor
@@ -102,6 +106,7 @@ def linear(
             linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNDETECTED)
         )
     largest, most = float(planes.max()), 2.0**bits - 1
+    # 1023, 4095, ...: what a converter of fewer bits has at most.
     whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
     if full_scale is None and whole and float((planes == largest).double().mean()) > CLIPPED_SHARE:
         full_scale = largest  # a converter of fewer bits, which clips there

@@ -79,6 +79,7 @@ def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
             "must be numbers such as 1,5,10, or start:stop:step, or low:high (with 1, 3, 10, 30 ... between)"
         )
         raise ValueError(f"{must}{', or auto' if automatic else ''}") from None
+    # Two decades below the high end, since 0 has no logarithm.
     least = low or high / 100
     powers = range(math.floor(math.log10(least)), math.ceil(math.log10(high)) + 1)
     between = (float(f"{digit}e{power}") for power in powers for digit in (1, 3))
@@ -301,6 +302,13 @@ AXES: tuple[Axis, ...] = (
         prefix="planck:", least_number=300.0,
     ),
     Axis(
+        "headlamp", "headlamp", "--headlamp",
+        "headlamps of the camera's vehicle, which light the targets; signs return their light (default: off)",
+        "Headlamp", "", 1.0, 0.0, 2.0, "{}", "{}-headlamp",
+        choices=("off", "low", "high"),  # of blurnoise.scene.exposure; a test compares them
+        captions=("headlamps off", "low beam", "high beam"),
+    ),
+    Axis(
         "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",
         1.0, -1e7, 1e7, "{} px/s", "{}", default=(*usual.SPEED_PX_S.values(),),
         default_names=(*usual.SPEED_PX_S,), span=(-2000.0, 2000.0),
@@ -459,6 +467,7 @@ def velocity_text(velocity_px_s: tuple[float, float]) -> str:
 EXPOSURE, LIGHT, SPECTRUM, GAIN, MOVES, EGO = map(
     axis, ("exposure_s", "illuminance_lux", "illuminant", "gain_db", "moves", "ego_speed_m_s")
 )
+HEADLAMP = axis("headlamp")
 EGO_SPEED = Coordinate(
     EGO.name, "Speed", EGO.unit, lambda row: EGO.shown(row[EGO.name]), lambda value: f"{value:g} km/h"
 )

@@ -100,8 +100,10 @@ class Conditions(OnAxes):
 
     @property
     def blurs_as(self) -> tuple[tuple[float, float], tuple[float | None, ...]]:
-        """Motion, moving part and lens: conditions with equal ones can share one blurred picture."""
-        return self.displacement_px, (self["moves"], self[EGO.name], *(self[name] for name in _LENS))
+        """Motion, moving part, lens and headlamps: conditions with equal ones can share one blurred picture."""
+        return self.displacement_px, (
+            self["moves"], self[EGO.name], *(self[name] for name in _LENS), self["headlamp"],
+        )  # fmt: skip
 
     def on(self, camera: Camera) -> dict[str, float]:
         """The value on every axis, the camera's where none is specified: the columns of tables."""

@@ -23,6 +23,7 @@ from blurnoise_eval.plan.axes import (
     CORE,
     EGO,
     EXPOSURE,
+    HEADLAMP,
     LIGHT,
     LIT,
     MOVES,
@@ -35,6 +36,7 @@ from blurnoise_eval.plan.axes import (
 )
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.lamps import Lamps
+from blurnoise_eval.plan.lit_targets import LitTargets
 from blurnoise_eval.plan.reading import (
     anchor_of,
     curve_of,
@@ -76,8 +78,8 @@ class ExposureSettings(Settings):
     grid: by axis, values in SI units. In files and options each axis of ``AXES`` is a setting of its own, in the
     option's unit, with the axis's default. light: named lights, in place of values of ``illuminance_lux``: the grid
     has theirs, and conditions of each have its spectrum (and headlamps), unless the grid has these. own_spectrum: the
-    illuminant "own", which a CSV file among the illuminants becomes. vehicle: drives at the speeds on the axis
-    ``ego_speed_m_s``.
+    illuminant "own", which a CSV file among the illuminants becomes. lit: targets in headlamps. vehicle: drives at
+    the speeds on the axis ``ego_speed_m_s``, and carries camera and headlamps.
     auto_exposure: sets gain and exposure where they are automatic. trajectory: motion in addition to the velocity.
     grey_anchor: the part of a picture that reflects 18 %; None: brightness is reflectance. picture_tone: the curve
     that codes pictures. hdr_white: the light that is white in the merged picture of a camera of several captures.
@@ -88,10 +90,11 @@ class ExposureSettings(Settings):
     METAVAR: ClassVar[str] = "LIST"
 
     grid: Mapping[str, Iterable[float]] = field(default_factory=dict, kw_only=False)
+    lit: LitTargets = nested(LitTargets)
     light: tuple[Light, ...] = ()
     own_spectrum: Curve | None = None
     vehicle: Vehicle | None = setting(
-        None, "position and orientation of the camera on a vehicle that drives (ego_kmh)"
+        None, "position and orientation of the camera on a vehicle that drives (ego_kmh), or has headlamps"
     )
     auto_exposure: AutoExposure = setting(None, "limits of exposure time and gain where these are auto")
     trajectory: TrajectorySpec | None = setting(
@@ -166,6 +169,23 @@ class ExposureSettings(Settings):
     def values(self, name: str) -> tuple[float, ...]:
         """The values on an axis, increasing; none where the camera has its own."""
         return tuple(self.grid.get(name, ()))
+
+    @property
+    def beams(self) -> tuple[str, ...]:
+        """The beams that light its pictures under some of its conditions."""
+        names = [HEADLAMP.choice(value) for value in self.spanned.get(HEADLAMP.name, ())]
+        return tuple(beam for beam in HEADLAMP.choices[1:] if beam in names)
+
+    def check_headlamps(self, emitters: str | None) -> None:
+        """Raise ``ValueError`` for settings that headlamps lack, or exclude. emitters: targets that are lamps."""
+        if not self.beams:
+            if stated := self.lit.to_dict():
+                raise ValueError(f"{', '.join(stated)}: needs headlamp, low or high")
+            return
+        if emitters is not None:
+            raise ValueError("headlamp, emitters: must not both light the targets")
+        if self.values(LIGHT.name)[:1] == (0.0,):
+            raise ValueError("headlamp: needs lux > 0; moonlight is 0.3")
 
     def _check_light(self) -> None:
         """Give the grid the lux of the lights. Raises ``ValueError`` where it has others."""
@@ -258,6 +278,7 @@ class SweepPlan(ExposureSettings):
             object.__setattr__(self, "objects", USUAL_OBJECTS)
         self._check_grid()
         self._check_motion()
+        self.check_headlamps(self.lamps.emitters if self.lamps else None)
         n_phases = len(self.lamps.phases) if self.lamps else 0
         if n_phases and self.repeats % n_phases:
             raise ValueError(f"repeats = {self.repeats}: must be a multiple of the {n_phases} of pwm_phase")
@@ -301,8 +322,8 @@ class SweepPlan(ExposureSettings):
             fastest = max(map(abs, self.values(name)))
             limited(f"{name}: {fastest:g} times exposure_s", fastest * self.longest_s, "displacement_px")
         if not self.values(EGO.name):
-            if self.vehicle is not None:
-                raise ValueError(f"vehicle: needs {EGO.name}, the speed of the vehicle")
+            if self.vehicle is not None and not self.beams:
+                raise ValueError(f"vehicle: needs {EGO.name}, the speed of the vehicle, or headlamp")
             return
         object.__setattr__(self, "vehicle", self.vehicle or USUAL_VEHICLE)
         if others := [name for name in (*VELOCITY, MOVES.name) if any(self.values(name))]:
@@ -372,6 +393,8 @@ class SweepPlan(ExposureSettings):
             values["objects"] = objects
         if self.lamps is not None:
             values["lamps"] = asdict(self.lamps)
+        if lit := self.lit.to_dict():
+            values["lit"] = lit
         if self.hdr_white != 1:
             values["hdr_white"] = self.hdr_white
         if self.own_spectrum is not None:
@@ -399,6 +422,7 @@ class SweepPlan(ExposureSettings):
         held = {name: value for name, value in values.items() if name not in ("ego", "further", "direction")}
         held |= {"trajectory": trajectory, "vehicle": values.get("ego")}
         held |= {"lamps": Lamps(**values["lamps"])} if "lamps" in values else {}
+        held |= {"lit": LitTargets.of(values["lit"])} if "lit" in values else {}
         if "grid" in values:
             return cls(**held)
         further = {name: (value,) for name, value in values["further"].items()}

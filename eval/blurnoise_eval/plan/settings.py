@@ -88,7 +88,11 @@ class LateType(NamedTuple):
 
 
 def as_text(value: Any) -> Any:
-    """YAML reads 5 and 0.5 as numbers where text is meant."""
+    """YAML reads 5 and 0.5 as numbers where text is meant.
+
+    >>> as_text(2.5), as_text("auto")
+    ('2.5', 'auto')
+    """
     return f"{value}" if type(value) in (int, float) else value
 
 

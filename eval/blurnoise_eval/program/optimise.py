@@ -100,6 +100,7 @@ def optimise(problem: Problem) -> Program:
     for light, row in zip(lights, objective, strict=True):
         if not np.isfinite(row).any():
             raise problem.nothing_left([light])
+    # What the meter asks for depends on the light alone; how it is divided is the program.
     totals_s = problem.totals_s
     tested_s = np.array(times)[np.isfinite(objective).any(axis=0)].tolist()
     programs = _staged(problem, totals_s, tested_s[0], tested_s[-1])
@@ -225,6 +226,7 @@ def best_stages(
     ((0.001, 0.002), 1.7)
     """
     n_times = len(times_s)
+    # An eighth of a stop, as exposures are spaced where there are several.
     step = math.log2(times_s[1] / times_s[0]) if n_times > 1 else 0.125
     asked = np.maximum(np.rint(np.log2(np.asarray(totals_s) / times_s[0]) / step), 0).astype(int)
     # a gain of exactly n steps has n steps, whatever the logarithm's rounding
@@ -233,6 +235,7 @@ def best_stages(
     )
     reach = max(1, min(int(asked.max()), n_times - 1 + gains))
     of_steps = np.zeros((reach + 2, n_times))  # (n, i): worth at time i of all lights that ask for n steps
+    # A light at which an exposure is not allowed makes every program that uses it there worthless.
     np.add.at(of_steps, np.minimum(asked, reach), np.where(np.isnan(worth), -np.inf, worth))
     of_more = np.cumsum(of_steps[::-1], axis=0)[::-1]  # of all that ask for n or more
     i, j = np.indices((n_times, gains + 1))

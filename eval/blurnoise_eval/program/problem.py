@@ -158,6 +158,7 @@ class Problem:
     @property
     def _range(self) -> tuple[Array, Array]:
         """The least and the greatest light times exposure, lux s, and motion, px, that all planes cover."""
+        # All kinds of targets must be known there, so the narrowest range counts.
         low = np.max([plane.places.min(axis=0) for plane in self._planes], axis=0)
         high = np.min([plane.places.max(axis=0) for plane in self._planes], axis=0)
         return np.exp2(low), np.exp2(high)
@@ -209,6 +210,7 @@ class Problem:
         lights = np.repeat(self.scenario.lights_lux, len(times_s))
         _, values = self.at(lights, np.tile(times_s, len(self.scenario.lights_lux)))
         gains_db = self.gains_db(times_s)
+        # A gain of the limit itself is allowed, whatever its last digit.
         allowed = gains_db <= self.limits.gain_max_db + 1e-9
         return np.where(allowed, values.reshape(gains_db.shape), np.nan)
 

@@ -90,6 +90,7 @@ class Scenario:
         share of the cases is used up.
         """
         counted = {"expected": 1.0, "worst": float(self.shares.min()), "tail": self.tail}[self.objective]
+        # The worst cases first: they fill the share that counts.
         order = np.argsort(values, axis=0, kind="stable")
         sorted_shares = self.shares[order]
         before = np.cumsum(sorted_shares, axis=0) - sorted_shares
@@ -239,7 +240,12 @@ class ExposureLimits(AutoExposure):
 @dataclass(frozen=True)
 class Metering:
     """Metering as in :mod:`blurnoise.scene.metering`, for a camera and pictures of a ``mean_light``, a share of
-    white."""
+    white.
+
+    >>> metering = Metering(Camera.preset("imx250"), mean_light=0.18)
+    >>> round(metering.total_s(100.0) / metering.total_s(200.0), 3)  # half the light asks for twice the time
+    2.0
+    """
 
     camera: Camera
     mean_light: float
@@ -266,6 +272,11 @@ def mean_light(gains: Iterable[tuple[str, float, float, float]], camera: Camera)
     gains are at a limit.
 
     gains: (picture, illuminance in lux, exposure in s, gain in dB). Dark charge is neglected.
+
+    >>> camera = Camera.preset("imx250")
+    >>> metering = Metering(camera, mean_light=0.25)
+    >>> round(mean_light([("a.png", 10.0, 0.01, metering.gain_db(10.0, 0.01))], camera), 3)
+    0.25
     """
     white_lux_s = Metering(camera, 1.0).total_s(1.0)
     logs_by_image: dict[str, list[float]] = {}

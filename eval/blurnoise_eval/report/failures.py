@@ -10,6 +10,7 @@ import math
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
@@ -143,8 +144,11 @@ def _conditions(store: Store, models: Sequence[str]) -> _TestedConditions:
     exposed = [(at, repeat) for at, repeat in found if not at.original]
     axes: list[tuple[str, Any, Any]] = [("exposure", lambda key: key[0].exposure_s, EXPOSURE.text)]
     axes += [("speed", lambda key: key[0].velocity_px_s, velocity_text)]
-    for axis in TestedSettings(at for at, _ in exposed).axes:
-        axes.append((word(axis), lambda key, name=axis.name: key[0][name], axis.text))
+    settings = TestedSettings(at for at, _ in exposed)
+    for axis in settings.axes:
+        axes.append(
+            (word(axis), lambda key, name=axis.name: key[0][name], partial(settings.value_text, axis))
+        )
     axes += [("repeat", itemgetter(1), str)]
     kept, values = [], []
     for title, of, text in axes:

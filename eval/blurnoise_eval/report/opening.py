@@ -17,6 +17,7 @@ from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATU
 from blurnoise_eval.answers.rows import AnswerRow, RecommendationRow
 from blurnoise_eval.plan.axes import AUTOMATIC, EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
 from blurnoise_eval.plots.style import spread
+from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
 from blurnoise_eval.report.words import counted, joined, keeps, limit_text, reached_text, value_text
@@ -40,7 +41,8 @@ class Opening:
 
     model: whose table it is, the best of several; None without an answer. sentences: the answer. heads, rows: the
     table of light x speed, of the exposures to use: '3 ms 0.88 works'; caption: what its entries are, legend: what
-    the verdicts mean. notes: (title, text) of what limits the model, and of what to do next.
+    the verdicts mean. notes: (title, text) of what limits the model, and of what to do next. lights: a line for each
+    light of a run with headlamps, and what is to be known of it.
     """
 
     model: str | None
@@ -50,6 +52,7 @@ class Opening:
     caption: str = ""
     legend: str = ""
     notes: tuple[tuple[str, str], ...] = ()
+    lights: tuple[str, ...] = ()
 
 
 def opening(data: RunData) -> Opening:
@@ -76,7 +79,8 @@ def opening(data: RunData) -> Opening:
     legend = f"works: 95 % interval at or above {level:g}; fails: below; ?: cannot tell"
     notes = ("What limits it", best.limits()), ("What to do next", best.next_steps())
     shown = tuple(each for each in notes if each[1])
-    return Opening(best.model, tuple(sentences), *best.table(), caption, legend, shown)
+    lights = tuple(data.manifest.get("light", ()))
+    return Opening(best.model, tuple(sentences), *best.table(), caption, legend, shown, lights)
 
 
 def ranked(data: RunData) -> list[str]:
@@ -129,8 +133,10 @@ class _OfModel:
         ]
         self.lights_noun = "settings" if self.varied[1:] or self.varied[:1] != ["light"] else "lights"
         usual = dict(zip(LIGHT.default, LIGHT.default_names, strict=True))
-        self.named = usual if {row.conditions[LIGHT.name] for row in self.lights} == usual.keys() else {}
-        """The names of the default lights, where the run has these."""
+        lights = {lux: light.name for lux, light in lights_of_run(data.manifest).items()}
+        is_usual = {row.conditions[LIGHT.name] for row in self.lights} == usual.keys()
+        self.named = lights or (usual if is_usual else {})
+        """The names of the lights, if the run names them or has the default ones."""
         self.verb = "keep" if data.criterion.kept else "reach"
 
     @property
@@ -158,7 +164,7 @@ class _OfModel:
         ]
 
     def _light_text(self, lux: float) -> str:
-        """'1 lux', or '1 lux (night street)' of the default lights."""
+        """'1 lux', or '1 lux (street)' of named lights."""
         return LIGHT.text(lux) + (f" ({self.named[lux]})" if lux in self.named else "")
 
     def _speed_text(self, speed: float) -> str:
@@ -368,6 +374,7 @@ class _OfModel:
         one_direction = "direction" not in self.combinations and self.data.manifest.get("trajectory") is None
         automatic = all(row.conditions[GAIN.name] == AUTOMATIC for row in self.lights)
         plain = one_direction and automatic and self.data.speed is not EGO_SPEED
+        plain = plain and not self.data.settings.of_light  # lights of one spectrum
         return self.by_light and self.whole is not None and self.varied == ["light"] and plain
 
     def next_steps(self) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,12 @@ from blurnoise_eval.plan.axes import (
     EGO_SPEED,
     EXPOSURE,
     SPEED,
+    Axis,
     Coordinate,
     velocity_text,
 )
 from blurnoise_eval.plots.style import spread
+from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.met_conditions import met_conditions
 from blurnoise_eval.report.settings import Tested, TestedSettings
 from blurnoise_eval.scoring.matching import FOUND_SCORE
@@ -89,7 +92,7 @@ class RunData:
     @cached_property
     def settings(self) -> TestedSettings:
         """The settings that were tested."""
-        return TestedSettings(self.tested)
+        return TestedSettings(self.tested, lights_of_run(self.manifest))
 
     @cached_property
     def speed(self) -> Coordinate:
@@ -110,10 +113,14 @@ class RunData:
             Tested.of(EXPOSURE, [*grid, *sorted(exposures.difference(grid))], len(grid)),
             Tested(SPEED, tuple(motions), speeds, texts, len(motions)),
             *(
-                Tested.of(axis, sorted({setting[place] for setting in self.settings.every}))
+                self._tested(axis, sorted({setting[place] for setting in self.settings.every}))
                 for place, axis in enumerate(self.settings.axes)
             ),
         )
+
+    def _tested(self, axis: Axis, values: Sequence[float]) -> Tested:
+        texts = tuple(self.settings.value_text(axis, value) for value in values)
+        return replace(Tested.of(axis, values), texts=texts)
 
     @cached_property
     def _places(self) -> list[dict[Any, int]]:

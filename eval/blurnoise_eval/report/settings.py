@@ -6,7 +6,7 @@ Domain: values in the units of the axes' columns. A setting names the light, and
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from blurnoise_eval.plan.axes import (
     EGO,
     EXPOSURE,
     LIGHT,
+    LIT,
     SETTING_AXES,
     Axis,
     Coordinate,
@@ -62,16 +63,33 @@ class TestedSettings:
     """The settings of conditions, in order.
 
     axes: the light, and every other axis but exposure and velocity that has several values; further: these without
-    the light. held: the text of what does not vary, '25 °C · f/2.8'.
+    the light. of_light: axes of several values that go with the light, as the spectra of named lights do. held: the
+    text of what does not vary, '25 °C · f/2.8'. names: of lights by lux, with what goes with them.
     """
 
-    def __init__(self, conditions: Iterable[AxisValues]) -> None:
+    def __init__(self, conditions: Iterable[AxisValues], names: Mapping[float, object] = {}) -> None:
         every = list(conditions)
         values = {axis: {at[axis.name] for at in every} for axis in SETTING_AXES}
-        self.axes = tuple(axis for axis in values if axis is LIGHT or len(values[axis]) > 1)
+        of_lux = {at[LIGHT.name]: at for at in every}
+        several = [axis for axis in values if axis is LIGHT or len(values[axis]) > 1]
+        lit = [axis for axis in several if axis.name in LIT]
+        self.of_light = tuple(
+            axis for axis in lit if all(at[axis.name] == of_lux[at[LIGHT.name]][axis.name] for at in every)
+        )
+        own = {
+            lux: ", ".join([LIGHT.text(lux), *(axis.text(at[axis.name]) for axis in self.of_light)])
+            for lux, at in of_lux.items()
+        }
+        self._lights = {lux: str(names.get(lux, text)) for lux, text in own.items()}
+        self.axes = tuple(axis for axis in several if axis not in self.of_light)
         self.further = tuple(axis for axis in self.axes if axis is not LIGHT)
         self.every = tuple(sorted(set(map(self.of, every))))
-        self.held = " · ".join(axis.text(*values[axis]) for axis in values if axis not in self.axes and every)
+        held = [axis for axis in values if axis not in (*several, *self.of_light) and every]
+        self.held = " · ".join(axis.text(*values[axis]) for axis in held)
+
+    def value_text(self, axis: Axis, value: float) -> str:
+        """A value on an axis; of the light with all that goes with it, 'street: 1 lux, led-4000, low beam'."""
+        return self._lights.get(value, axis.text(value)) if axis is LIGHT else axis.text(value)
 
     def of(self, conditions: AxisValues) -> Setting:
         """The setting of some conditions."""
@@ -79,7 +97,9 @@ class TestedSettings:
 
     def text(self, setting: Setting) -> str:
         """'50 lux · 85 °C · f/2.8'."""
-        return " · ".join(axis.text(value) for axis, value in zip(self.axes, setting, strict=True))
+        return " · ".join(
+            self.value_text(axis, value) for axis, value in zip(self.axes, setting, strict=True)
+        )
 
     def condition_text(self, cell: CellRow) -> str:
         """'5 ms · 100 lux · 400 px/s · blur 2 px', what else varies before the blur; or 'original picture'.
@@ -92,7 +112,8 @@ class TestedSettings:
         further = [axis.text(at[axis.name]) for axis in self.further]
         if not at[EGO.name]:
             further = [velocity_text(at.velocity_px_s), *further, BLUR.text(cell.blur_px or 0.0)]
-        return " · ".join([EXPOSURE.text(at.exposure_s), LIGHT.text(at.illuminance_lux), *further])
+        light = self.value_text(LIGHT, at.illuminance_lux)
+        return " · ".join([EXPOSURE.text(at.exposure_s), light, *further])
 
 
 def word(axis: Axis | Coordinate) -> str:

@@ -25,32 +25,56 @@ _MANY_SATURATED = 0.01  # of the picture's values: so many at a limit of the sen
 
 
 def keeps(criterion: Criterion) -> str:
-    """The verb for a score: of a kept share 'keeps'."""
+    """The verb for a score: of a kept share 'keeps'.
+
+    >>> keeps(Criterion(0.9, kept=True)), keeps(Criterion(0.6, kept=False))
+    ('keeps', 'reaches')
+    """
     return "keeps" if criterion.kept else "reaches"
 
 
 def reached_text(value: str, criterion: Criterion) -> str:
-    """A score in a sentence: 'keeps 0.68 (0.61–0.74) of its confidence', 'reaches mean confidence 0.68'."""
+    """A score in a sentence: 'keeps 0.68 (0.61–0.74) of its confidence', 'reaches mean confidence 0.68'.
+
+    >>> reached_text("0.68", Criterion(0.9, kept=True))
+    'keeps 0.68 of its confidence'
+    """
     return f"keeps {value} of its {criterion.noun}" if criterion.kept else f"reaches {criterion.noun} {value}"
 
 
 def counted(count: int, noun: str) -> str:
-    """'1 picture', '24 pictures'."""
+    """'1 picture', '24 pictures'.
+
+    >>> counted(1, "picture"), counted(24, "picture")
+    ('1 picture', '24 pictures')
+    """
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def limit_text(limit: str) -> str:
-    """A limit of the rows in words: 'motion blur and noise'."""
+    """A limit of the rows in words: 'motion blur and noise'.
+
+    >>> limit_text("blur and noise")
+    'motion blur and noise'
+    """
     return " and ".join("motion blur" if each == "blur" else each for each in limit.split(" and "))
 
 
 def joined(names: Sequence[str]) -> str:
-    """'a, b and c'."""
+    """'a, b and c'.
+
+    >>> joined(["a"]), joined(["a", "b", "c"])
+    ('a', 'a, b and c')
+    """
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def value_text(score: WithInterval) -> str:
-    """'0.68 (0.61–0.74)', without an interval '0.68'."""
+    """'0.68 (0.61–0.74)', without an interval '0.68'.
+
+    >>> value_text(WithInterval(0.68, 0.614, 0.736)), value_text(WithInterval(0.68))  # rounded outward
+    ('0.68 (0.61–0.74)', '0.68')
+    """
     _, low, high = score
     if low is None or high is None:
         return f"{score.known:.2f}"
@@ -59,6 +83,7 @@ def value_text(score: WithInterval) -> str:
 
 def _outward(value: float, side: int, step: float) -> float:
     """The multiple of a step at the value, or next to it: above for side 1, below for -1."""
+    # The slack keeps 0.74 from becoming 0.75 by its last binary digit.
     return side * math.ceil(side * value / step - 1e-6) * step
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import groupby
@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from blurnoise._core.checks import limited_motion
 from blurnoise.camera import Camera
@@ -41,9 +42,10 @@ from blurnoise_eval.datasets import (
     eight_bit,
     target_mask,
 )
-from blurnoise_eval.datasets.cut_outs import CutScene
+from blurnoise_eval.datasets.cut_outs import CutOut, CutScene
 from blurnoise_eval.plan.conditions import Cell
 from blurnoise_eval.plan.plan import SweepPlan, usual_plan
+from blurnoise_eval.run.headlit_scenes import HeadlitScenes, headlit_layers
 from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 
@@ -82,7 +84,10 @@ class PictureScene:
         self.plan = plan = usual_plan() if plan is None else plan
         self.image8, self._image = eight_bit(image), image
         self._picture, self.objects = picture, plan.objects
-        self._cut: tuple[CutScene, tuple[int, ...]] | None = None
+        self._cut: CutOut | None = None
+        self.headlit = HeadlitScenes(plan, picture)
+        self._lit: dict[Hashable, Scene] = {}
+        self._cut_scenes: dict[Hashable, CutScene] = {}
         self._lock = threading.Lock()
         try:
             self.light = Scene.of_picture(image, plan.grey_anchor, plan.picture_tone)
@@ -103,18 +108,34 @@ class PictureScene:
     def frames(self, exposures: Sequence[Exposure]) -> Iterator[Frames]:
         """The picture under each exposure. At rest it is as it is, whatever may move."""
         options = TakeOptions(("8 bit",), white=self.plan.hdr_white)
-        for is_cut, group in groupby(exposures, key=self._is_cut):
+        for (is_cut, _), group in groupby(exposures, key=lambda at: (self._is_cut(at), _lit_by(at))):
+            alike = list(group)
             if is_cut:
-                scene, cut = self._cut_scene()[0].scene, list(group)
-                yield from take_each(scene, cut if scene.layers else map(_without_targets, cut), options)
+                scene = self._cut_scene(alike[0])[0].scene
+                yield from take_each(scene, alike if scene.layers else map(_without_targets, alike), options)
             else:
-                yield from take_each(self.light, map(_as_a_whole, group), options)
+                yield from take_each(self.lit(alike[0]), map(_as_a_whole, alike), options)
+
+    def lit(self, taken: Exposure) -> Scene:
+        """The picture as a whole, with the light of the headlamps that the exposure has."""
+        key = _lit_by(taken)
+        if key is None:
+            return self.light
+        with self._lock:
+            if key not in self._lit:
+                found = self.headlit.of(self.light.light, taken.camera, taken.headlamp)
+                self._lit[key] = replace(self.light, headlamp_lux={taken.headlamp: found.plane()})
+            return self._lit[key]
+
+    def headlit_text(self, camera: Camera) -> str | None:
+        """What the run notes of its targets in headlamps; None where the plan has none."""
+        return self.headlit.facts(self.light.light, camera).text if self.plan.beams else None
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
         if not self._is_cut(taken):
             return {}
-        scene, targets = self._cut_scene()
+        scene, targets = self._cut_scene(taken)
         return dict(zip(targets, scene.invented(taken), strict=True))
 
     def own_px(self, taken: Exposure) -> dict[int, float]:
@@ -143,20 +164,37 @@ class PictureScene:
         """Whether the picture has to be cut for it."""
         return taken.moves != "all" and any(taken.velocity_px_s)
 
-    def _cut_scene(self) -> tuple[CutScene, tuple[int, ...]]:
+    def _cut_scene(self, taken: Exposure) -> tuple[CutScene, tuple[int, ...]]:
         """The layers, cut out by the first thread that needs them, and the places of their targets."""
         with self._lock:
-            if self._cut is None:
-                if self._picture is None:
-                    raise ValueError("moves: targets and background need a picture that has targets")
-                light, scale = self.light.light, 1.0
-                if self.plan.grey_anchor is not None:
-                    plain = Scene.of_picture(self._image, encoding=self.plan.picture_tone)
-                    scale = float(self._reflected.sum() / plain.light.sum())
-                emitters = 1.0 if self.plan.lamps is None else self.plan.lamps.factor
-                found = cut_out(self._picture, light, self.objects, scale, emitters)
-                self._cut = CutScene(found.cut, found.speeds, self.lamp_mask), found.targets
-            return self._cut
+            found, key = self._cut_out(), _lit_by(taken)
+            if key not in self._cut_scenes:
+                cut, planes = found.cut, dict[str, Tensor]()
+                if key is not None:
+                    lit = self.headlit.of(self.light.light, taken.camera, taken.headlamp)
+                    planes = {taken.headlamp: lit.plane(but=found.targets)}
+                    layers = headlit_layers(cut.layers, found.targets, lit, taken.headlamp)
+                    cut = cut._replace(layers=tuple(layers))
+                self._cut_scenes[key] = CutScene(cut, found.speeds, self.lamp_mask, planes)
+            return self._cut_scenes[key], found.targets
+
+    def _cut_out(self) -> CutOut:
+        """The targets, cut out once; with the lock held."""
+        if self._cut is None:
+            if self._picture is None:
+                raise ValueError("moves: targets and background need a picture that has targets")
+            light, scale = self.light.light, 1.0
+            if self.plan.grey_anchor is not None:
+                plain = Scene.of_picture(self._image, encoding=self.plan.picture_tone)
+                scale = float(self._reflected.sum() / plain.light.sum())
+            emitters = 1.0 if self.plan.lamps is None else self.plan.lamps.factor
+            self._cut = cut_out(self._picture, light, self.objects, scale, emitters)
+        return self._cut
+
+
+def _lit_by(taken: Exposure) -> Hashable:
+    """What the light of headlamps depends on; None without."""
+    return None if taken.headlamp == "off" else (taken.camera.field, taken.headlamp)
 
 
 def _as_a_whole(exposure: Exposure) -> Exposure:
@@ -185,7 +223,7 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
         if at.automatic:
             exposure_s = math.nan if "exposure_s" in at.automatic else exposure.exposure_s
             exposure = replace(exposure, exposure_s=exposure_s, gain_db=plan.auto_exposure).metered(
-                scene.light.mean_light(exposure)
+                scene.lit(exposure).mean_light(exposure)
             )
         if plan.path is not None:
             along = plan.path[0].of(camera, (height, width), plan.path[1], cell.seed)
@@ -205,7 +243,7 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
             exposure,
             *boxes,
             saturated=_saturated(image, brightest(exposure, plan.hdr_white)),
-            snr_db=snr_db(exposure, scene.light.mean_light(exposure)),
+            snr_db=snr_db(exposure, scene.lit(exposure).mean_light(exposure)),
             brightness=cv2.mean(image.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
             own_px=scene.own_px(exposure),
@@ -283,6 +321,8 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     size, path = camera.field.size, None
     if plan.lamps is not None and plan.lamps.on_targets:
         check_labelled(pictures, "emitters, pwm_mask: targets", "without labels pulses light the whole scene")
+    if plan.beams and not pictures.labelled:
+        raise ValueError("headlamp: needs labels, by which targets are known; or distance_m with --object")
     if plan.cuts:
         check_cut(pictures, plan.objects)
     if plan.path is not None:

@@ -60,7 +60,7 @@ def open_run(
         "pictures": _digest(repr([picture.name for picture in every])),
         "choice of targets": _digest(repr([picture.targets for picture in every])),
     }
-    if plan.cuts:
+    if plan.cuts or plan.beams:
         identity["annotations"] = _digest(repr([_annotations(picture) for picture in every]))
     if part is not None and part.count > 1:
         identity["part"] = str(part)

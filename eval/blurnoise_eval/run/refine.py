@@ -67,6 +67,7 @@ class Refine:
     def _next(self, run: Run) -> tuple[Conditions, ...]:
         """The conditions that are computed next, by all that the run has; none where the camera sets the exposure."""
         tested = self.plan.values(EXPOSURE.name)
+        # Nothing to refine: the camera chooses, and there are no exposures between two tested ones.
         if AUTOMATIC in tested:
             return ()
         tables, monotone = run.tables_with_answers(), run.setup.monotone
@@ -75,6 +76,7 @@ class Refine:
         every = [row for table in tables for row in answers(table, run.criterion, monotone=monotone)]
         for answer in _largest(every):
             at = tuple(answer.conditions[name] for name in names)
+            # Half-way in stops, to three digits, which a caption can show.
             wanted += [(at, float(f"{math.sqrt(low * high):.3g}")) for low, high in _wide_gaps(answer)]
         models = run.averages(tables)
         for model in models:  # the exposures that promise to keep more on average, under all conditions

@@ -40,7 +40,11 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class SearchLine:
-    """All exposures under one light, lux above 0, and one velocity (x, y), px/s."""
+    """All exposures under one light, lux above 0, and one velocity (x, y), px/s.
+
+    >>> SearchLine(100.0, (240.0, 320.0)).places([0.01]).tolist()  # 1 lux s and 4 px, in stops
+    [[0.0, 2.0]]
+    """
 
     illuminance_lux: float
     velocity_px_s: tuple[float, float] = (0.0, 0.0)
@@ -66,6 +70,11 @@ class SearchSpace:
 
     grid: by axis, as :class:`~blurnoise_eval.plan.conditions.SweepPlan` has it. because: why the full grid is
     computed in place of a search; none of a search.
+
+    >>> exposures_and_lights = {"exposure_s": (0.001, 0.01), "illuminance_lux": (0.0, 50.0)}
+    >>> space = SearchSpace({**exposures_and_lights, "velocity_x_px_s": (0.0,), "velocity_y_px_s": (0.0,)})
+    >>> space.exposures_s, len(space.lines), space.grid_conditions  # no line without light
+    ((0.001, 0.01), 1, 4)
     """
 
     grid: Mapping[str, Sequence[float]]
@@ -174,9 +183,13 @@ def lattice(lines: Sequence[SearchLine], exposures: Range, step: float = STEP) -
     """Places (N, 2) of a lattice of this step within half a step of any line, from end to end of the exposures.
 
     By u, then w; multiples of the step from u = 0 and from the floor, so lattices of other lines share their places.
+
+    >>> len(lattice([SearchLine(100.0)], (0.01, 0.02), step=0.5))  # a stop at rest, in steps of a half
+    3
     """
     times = exposures_on(exposures, 16 / step)
     index = (np.concatenate([line.places(times) for line in lines]) - (0.0, FLOOR)) / step
+    # Both neighbours where a line passes half-way between two nodes, so that rounding decides nothing.
     low, high = np.ceil(index - 0.5 - 1e-9), np.floor(index + 0.5 + 1e-9)
     corners = [np.stack([u, w], axis=1) for u in (low[:, 0], high[:, 0]) for w in (low[:, 1], high[:, 1])]
     near = np.unique(np.concatenate(corners), axis=0)
@@ -187,6 +200,9 @@ def spread(places: Array, count: int, taken: Array | None = None) -> NDArray[np.
     """Which ``count`` of the places (N, 2) lie farthest apart, one after the other, and from those taken (M, 2).
 
     The first, where nothing is taken, is the one nearest to the middle; of equals it is the first in order.
+
+    >>> spread(np.array([[0.0, 0.0], [1.0, 0.0], [4.0, 0.0]]), 2).tolist()  # the middle, then the farthest
+    [1, 2]
     """
 
     def distances(to: Array) -> Array:

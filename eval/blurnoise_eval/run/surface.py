@@ -51,7 +51,11 @@ Array = NDArray[np.float64]
 
 class Trend(NamedTuple):
     """Figures of a camera: electrons per lux s of a white pixel, the noise in the dark, e-, and the light at which
-    white saturates, lux s."""
+    white saturates, lux s.
+
+    >>> Trend().features(np.array([[0.0, -1.0]])).shape
+    (1, 7)
+    """
 
     electrons_per_lux_s: float = 7000.0
     noise_e: float = 2.5
@@ -80,7 +84,11 @@ USUAL = Trend()
 
 
 def logistic(logits: Array) -> Array:
-    """1 / (1 + exp(-x))."""
+    """1 / (1 + exp(-x)).
+
+    >>> logistic(np.array([-1000.0, 0.0])).round(6).tolist()
+    [0.0, 0.5]
+    """
     return np.asarray(1 / (1 + np.exp(-np.clip(logits, -_MOST_LOGIT, _MOST_LOGIT))))
 
 
@@ -88,6 +96,11 @@ def fractional_logistic(features: Array, shares: Array, penalty: Array) -> Array
     """Coefficients (K,) of a logistic regression of shares (N,) on features (N, K).
 
     penalty: (K,) on half the squares of the coefficients.
+
+    >>> features = np.array([[1.0, -1.0], [1.0, 1.0]])
+    >>> at = fractional_logistic(features, np.array([0.25, 0.75]), np.full(2, 1e-9))
+    >>> logistic(features @ at).round(3).tolist()
+    [0.25, 0.75]
     """
     from scipy.optimize import minimize  # takes 0.2 s
 
@@ -121,6 +134,7 @@ class Kriging:
         at, known = np.asarray(places, float), np.asarray(values, float)
         guide = trend or USUAL
         coefficients = None if trend is None else _trend_of(at, known, trend)
+        # Each try inverts a matrix of the nodes: time by the cube of their number.
         some = np.sort(spread(at, _MOST_FITTED)) if len(at) > _MOST_FITTED else np.arange(len(at))
 
         def improbability(logarithms: Array) -> float:
@@ -129,6 +143,7 @@ class Kriging:
             return tried._improbability
 
         step = (_MOST - _LEAST) / (_GRID - 1)
+        # A grid and halvings of its step: the likelihood may have several maxima, and a descent ends in one.
         corners: Iterable[tuple[int, ...]] = product(*map(range, _GRID.tolist()))
         best = min((_LEAST + step * each for each in corners), key=improbability)
         for _ in range(_HALVINGS):
@@ -156,6 +171,7 @@ class Kriging:
         """Covariance (M, M) of the surface itself at places (M, 2), without their own departures."""
         toward = self._toward(places)
         known = toward @ self._inverse @ toward.T
+        # Without the nugget: it is a node's own departure, not an error of the surface.
         return np.asarray(self.scale**2 * (correlation(places, places, self.lengths) - known))
 
     def basis(self, places: Array) -> Array:
@@ -206,6 +222,7 @@ class Kriging:
 
 def _trend_of(places: Array, values: Array, trend: Trend) -> Array | None:
     """Coefficients (7,) of the trend of values (N,), not below 0, at places (N, 2); None where it is flat."""
+    # A little above the highest value, where a logistic curve is reached only in the infinite.
     top = max(float(values.max(initial=0.0)), 1e-9) * 1.02
     features = trend.features(places)
     found = fractional_logistic(features, np.clip(values / top, 0.0, 1.0), _PENALTY)
@@ -213,8 +230,14 @@ def _trend_of(places: Array, values: Array, trend: Trend) -> Array | None:
 
 
 def correlation(places: Array, others: Array, lengths: ArrayLike) -> Array:
-    """Matern 5/2 between places (M, 2) and others (N, 2), (M, N)."""
+    """Matern 5/2 between places (M, 2) and others (N, 2), (M, N).
+
+    >>> near, far = np.array([[0.0, 0.0]]), np.array([[0.0, 0.0], [3.0, 0.0]])
+    >>> correlation(near, far, (3.0, 3.0)).round(2).tolist()  # 1, and at one length
+    [[1.0, 0.52]]
+    """
     one, other = places / np.asarray(lengths), others / np.asarray(lengths)
+    # Twice differentiable, unlike an exponential: scores change smoothly with light and motion.
     far = np.sqrt(5.0 * sum(np.subtract.outer(one[:, k], other[:, k]) ** 2 for k in (0, 1)))
     return np.asarray((1 + far + far**2 / 3) * np.exp(-far))
 

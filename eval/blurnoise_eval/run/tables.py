@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +18,7 @@ from blurnoise_eval.answers.rows import AnswerRow, CurveRow
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
+from blurnoise_eval.run.light_lines import light_lines
 from blurnoise_eval.run.score_tables import (
     dark_below,
     models_withheld,
@@ -29,7 +30,7 @@ from blurnoise_eval.run.score_tables import (
 from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.columns import UNKNOWN
-from blurnoise_eval.store.rows import Example, LabelledBox
+from blurnoise_eval.store.rows import Example, LabelledBox, ScoreRow
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.tables import plain
 
@@ -81,6 +82,7 @@ def tables_of(
     manifest = _manifest(store, setup, criterion)
     manifest |= {"withheld": withheld, "withheld_models": unfit}
     manifest["light_spread_ev"] = queries.light_spread_ev(store, setup.camera.sensor.gain_max_db)
+    manifest["light"] = _light(store, setup, scores)
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     models = model_rows(
         manifest["models"],
@@ -125,6 +127,7 @@ def summary_of(tables: RunData, setup: Setup) -> Row:
         **{name: manifest[name] for name in ("criterion", "threshold", "withheld", "withheld_models")},
         "targets_found": manifest.get("targets_found", {}),
         "reflectance": reflectance(tables),
+        "light": manifest["light"],
         **{name: manifest[name] for name in ("cluster", "software")},
         "models": [row.columns() for row in tables.models],
         "answers": [{name: plain(value) for name, value in row.columns().items()} for row in tables.answers],
@@ -190,6 +193,15 @@ def _manifest(store: Store, setup: Setup, criterion: Criterion) -> Row:
         "refined": refined,
     }
     return manifest
+
+
+def _light(store: Store, setup: Setup, scores: Sequence[ScoreRow]) -> list[str]:
+    """What the lights of the run are, in lines. Raises ``StoreError`` for facts that no sweep writes."""
+    tested = [row.conditions for row in scores if not row.conditions.original]
+    try:
+        return light_lines(setup, store.pictures(), queries.labels(store), tested)
+    except ValueError as error:
+        raise store.damaged("pictures.headlit", str(error)) from None
 
 
 def _examples(store: Store, setup: Setup) -> Iterator[Example]:

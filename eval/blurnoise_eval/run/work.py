@@ -136,7 +136,14 @@ class PreparedPicture(NamedTuple):
         return cls(
             scene,
             views,
-            PictureFacts(picture.identity, content(image), width, height, perceptual_hash(image)),
+            PictureFacts(
+                picture.identity,
+                content(image),
+                width,
+                height,
+                perceptual_hash(image),
+                scene.headlit_text(work.camera),
+            ),
         )
 
 

@@ -51,6 +51,7 @@ def overlaps(boxes_xywh: Array, targets_xywh: Array, crowd: Flags | None = None)
     down = np.minimum(y + height, target_y + target_height) - np.maximum(y, target_y)
     shared = np.maximum(across, 0) * np.maximum(down, 0)
     area = width * height
+    # COCO's rule: a crowd holds any number of objects, so that a box within it overlaps it fully.
     union = area + target_width * target_height - shared
     iou = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
     return np.asarray(iou if crowd is None else np.where(crowd, shared / np.maximum(area, 1e-12), iou))

@@ -111,6 +111,7 @@ class Alarms(NamedTuple):
         """
         if not len(self.scores):
             return ClusterEstimate(None)
+        # A score of 1 belongs to the last bin.
         place = np.minimum((self.scores * _BINS).astype(int), _BINS - 1)
         gaps = np.bincount(place, self.scores - self.right, _BINS)  # n_b · (mean score - precision)
         return ClusterEstimate(float(np.abs(gaps).sum() / len(self.scores)))
@@ -121,6 +122,7 @@ class Alarms(NamedTuple):
         A detector that drops its weaker answers itself may stay below the rate.
         """
         wrong = np.sort(self.scores[~self.right])[::-1]
+        # 0.29 times 100 pictures is 29, though floats make it 28.999999999999996.
         allowed = int(np.floor(rate * self.pictures.sum() + 1e-9))
         return float(wrong[allowed]) if len(wrong) > allowed else 0.0
 
@@ -195,6 +197,7 @@ class Evaluated:
         answers, _, clusters, count = self._pictures
         targets = self._targets(self.truth.moved(self.move_boxes))
         category, categories = targets.category_of_class(self.truth.category_of, answers.class_ids)
+        # One class of each box: whoever acts on an alarm sees the leading one only.
         certain = np.flatnonzero((answers.scores >= least) & answers.leads & (category >= 0))
         picture = answers.picture[certain]
         taken, beside = matched(
@@ -205,6 +208,7 @@ class Evaluated:
             targets.crowd[None],
             np.array([MATCH_IOU]),
         )
+        # A detection in a crowd may be right or wrong: nobody labelled the single objects.
         counted = ~beside[0, 0]
         scores, cluster = answers.scores[certain][counted].astype(float), clusters[picture][counted]
         return Alarms(

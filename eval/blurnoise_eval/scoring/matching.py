@@ -121,15 +121,18 @@ def matched(
     free = np.ones((len(aside), len(limits), len(targets.crowd)), bool)
     detection, target = _pairs(keys, target_keys)
     overlap = overlaps(boxes_xywh[detection], targets.boxes_xywh[target], targets.crowd[target])
+    # Pairs below the least IoU match at none, and most pairs are.
     near = overlap >= limits[0]
     detection, target, overlap = detection[near], target[near], overlap[near]
     by_preference = np.lexsort((target, overlap))
     preference = np.argsort(by_preference)
     first = np.flatnonzero(np.diff(detection, prepend=-1))
     turn = np.repeat(rank(keys[detection[first]]), np.diff(first, append=len(detection)))
+    # The best detection of every picture and class at once, then the second best: they compete within these only.
     for pairs in (np.flatnonzero(turn == each) for each in range(turn.max(initial=-1) + 1)):
         who, what = detection[pairs], target[pairs]
         possible = (overlap[pairs] >= limits[:, None]) & (free[:, :, what] | targets.crowd[what])
+        # Targets that count come before ignored ones, whatever the overlap.
         value = preference[pairs] + len(preference) * ~aside[:, None, what]
         starts = np.flatnonzero(np.diff(who, prepend=-1))
         best = np.maximum.reduceat(np.where(possible, value, -1), starts, axis=2)

@@ -81,10 +81,12 @@ def precision(
     counted = np.zeros((clusters, len(areas_px2), categories))
     for area, ignored in enumerate(aside):
         np.add.at(counted[:, area], (cluster[targets.picture[~ignored]], targets.category[~ignored]), 1)
+    # A cluster that is left out takes its targets along, so that recall has another denominator.
     number = all_and_without(counted)
     averages = np.zeros((len(number), *right.shape[:2], categories))
     hits = np.zeros((clusters, right.shape[1], categories))
     whose = cluster[answers.picture[index]]
+    # Over all pictures together, unlike the matching, which goes picture by picture.
     by_score = np.lexsort((-answers.scores[index].astype(float), every[index]))
     for category in range(categories):
         of_category = by_score[every[index][by_score] == category]
@@ -142,6 +144,7 @@ def _average(right: Flags, wrong: Flags, cluster: Places, reached: Places, begin
     shape = len(begins) - 1, int(run[-1]) + 1
     hits = _down_to(run, cluster[hit], shape)
     best = hits / np.maximum(hits + _down_to(run[next_hit], cluster[miss], shape), 1)
+    # Precision at a recall is the best at that recall or a higher one, as COCO interpolates.
     np.maximum.accumulate(best[:, ::-1], axis=1, out=best[:, ::-1])
     steps = np.take(reached, hits + begins)
     steps[:, 1:] -= steps[:, :-1].copy()

@@ -78,6 +78,7 @@ def influence(sums: ArrayLike, counts: ArrayLike) -> Array:
     """
     total, count = np.asarray(sums, float), np.asarray(counts, float)
     with np.errstate(invalid="ignore", divide="ignore"):
+        # Something may be found where nothing is counted: a kept share counts the score on the original picture.
         here = np.where((count > 0) | (total > 0), count, np.nan)
         others = (np.nansum(here, axis=0) - here) / (np.isfinite(here).sum(axis=0) - 1)
         away = (total - ratio_of_sums(total, count) * here) / others
@@ -107,6 +108,7 @@ def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> ClusterEst
     if not math.isfinite(whole):
         return ClusterEstimate(None)
     lower = None if cautious is None else left_out(np.maximum(cautious, 0.0))
+    # The correction is one for bias upwards: where it would raise the value, noise has it.
     kept = lower if lower is not None and lower.value is not None and lower.value < whole else None
     return ClusterEstimate(whole, (np.isfinite(without).sum() - 1) * (whole - without), kept)
 
@@ -209,6 +211,7 @@ def pictures_needed(margin: float, spread: float, away: float, most: int) -> int
     """
     from scipy.special import gammaincinv, ndtr  # takes 0.1 s
 
+    # Instead of random draws, so that the answer is the same every time.
     unseen = gammaincinv(UNSEEN, (np.arange(200) + 0.5) / 200)  # equally likely weights
 
     def suffices(n: int) -> bool:
@@ -246,6 +249,7 @@ def of_level(
     top = np.where(np.isinf(most), greatest, most)
     low, high = (np.where(known, end, np.nan) for end in bounded(mean, influence, (0.0, top)))
     if half.any():
+        # What clusters differ by and what a prediction misses are independent: their squares add.
         low, high = middle - np.hypot(middle - low, half), middle + np.hypot(high - middle, half)
     return Ends(low.clip(0.0, most), high.clip(0.0, most))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, pi
 from typing import Any
 
 from torch import Tensor
@@ -11,6 +11,7 @@ from blurnoise import Exposure, Scene
 from blurnoise.blur.layers import Layer, seen_behind
 from blurnoise.camera.captures import windows
 from blurnoise.camera.radiometry import filter_electrons, photoelectrons
+from blurnoise.light.headlit import HeadlitTarget
 from blurnoise.picture import fusion
 from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.scene.cutting import Cut
@@ -62,6 +63,18 @@ def figures(scene: Scene, exposure: Exposure, dn: Tensor, cut: Cut | None) -> di
             suffix = "" if number == 1 else f"_{number}"
             found[f"pwm_dark_percent{suffix}"] = 100 * exposure.lamp.dark_probability(duration_s)
     return found
+
+
+def headlit_figures(target: HeadlitTarget, exposure: Exposure) -> dict[str, Any]:
+    """Figures of the object in headlamps: its place, and the luminance of its white in cd/m2."""
+    lux = exposure.illuminance_lux + target.illuminance_lux
+    return {
+        "target_distance_m": target.distance_m,
+        "observation_deg": target.observation_deg,
+        "headlamp_lux": target.illuminance_lux,
+        "returned_cd_m2": target.luminance_cd_m2,
+        "target_cd_m2": target.white * lux / pi + target.luminance_cd_m2,
+    }
 
 
 def _flow(scene: Scene, exposure: Exposure) -> Tensor | None:

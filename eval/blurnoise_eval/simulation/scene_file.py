@@ -18,7 +18,10 @@ from blurnoise._core.checks import in_range, integer, limited
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.camera import Camera
 from blurnoise.camera.captures import Capture, staggered
+from blurnoise.light.headlamps import Headlamps
+from blurnoise.light.headlit import HeadlitPicture, HeadlitTarget, Outline, headlit
 from blurnoise.light.lamp import Pwm
+from blurnoise.light.road_objects import RoadObject
 from blurnoise.scene.cutting import Cut, Matte, cut_out
 from blurnoise.scene.metering import anchored, mean_luma
 from blurnoise.scene.scene import scene_reflectance
@@ -27,16 +30,18 @@ from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.files import SceneFile
 from blurnoise_eval.plan.lamps import emitters_of, pwm_of
+from blurnoise_eval.run.headlit_scenes import headlit_layers
 
 _LENS = {axis.name: axis.into.partition(".")[2] for axis in AXES if axis.into.startswith("camera.")}
 
 
 class Opened(NamedTuple):
-    """The scene and the exposure of a file; its object, cut out of the picture, or None."""
+    """The scene and the exposure of a file; its object, cut out of the picture, or None, and in headlamps."""
 
     scene: Scene
     exposure: Exposure
     cut: Cut | None
+    headlit: HeadlitTarget | None = None
 
 
 def opened(config: SceneFile, light: Tensor, camera: Camera) -> Opened:
@@ -44,20 +49,52 @@ def opened(config: SceneFile, light: Tensor, camera: Camera) -> Opened:
     integer("seed", config.seed, 0, LAST_SEED)
     at, size = Conditions(**config.at()), (light.shape[-2], light.shape[-1])
     _check_motion(config, at)
+    config.check_headlamps(config.emitters)
     exposure = at.exposure(
         _camera(config, camera), config.seed, vehicle=config.vehicle, spectrum=config.own_spectrum
     )
+    cut = _cut(config, light)
+    lit = _headlit(config, light, exposure, cut)
     if at.automatic:
+        seen = light if lit is None else light * (1 + lit.plane() / exposure.illuminance_lux)
         exposure = _automatic(config, at, exposure).metered(
-            float(mean_luma(light, exposure.camera, exposure.illuminant)[0])
+            float(mean_luma(seen, exposure.camera, exposure.illuminant)[0])
         )
     if config.trajectory is not None:
         along = config.trajectory.of(exposure.camera, size, exposure.exposure_s, config.seed)
         exposure = replace(exposure, trajectory=along)
     lamp, mask = _lamp(config, size)
-    cut = _cut(config, light)
-    scene = Scene(cut.background if cut else light, layers=cut.layers if cut else (), lamp_mask=mask)
-    return Opened(scene, replace(exposure, lamp=lamp), cut)
+    planes = dict[str, Tensor]()
+    if lit is not None and cut is not None:
+        beam = exposure.headlamp
+        planes = {beam: lit.plane(but=[0])}
+        cut = cut._replace(layers=tuple(headlit_layers(cut.layers, [0], lit, beam)))
+    scene = Scene(
+        cut.background if cut else light,
+        layers=cut.layers if cut else (),
+        lamp_mask=mask,
+        headlamp_lux=planes,
+    )
+    return Opened(scene, replace(exposure, lamp=lamp), cut, lit.targets[0] if lit else None)
+
+
+def _headlit(config: SceneFile, light: Tensor, exposure: Exposure, cut: Cut | None) -> HeadlitPicture | None:
+    """The object in the light of headlamps, at its stated distance; None without headlamps.
+
+    Its class is not known, so that the picture says how high it stands, and the file what covers it.
+    """
+    if exposure.headlamp == "off":
+        return None
+    if cut is None or config.lit.distance_m is None:
+        raise ValueError("headlamp: needs labels, by which targets are known; or distance_m with --object")
+    ((left, top), (height, width)) = cut.layers[0].place_px, cut.layers[0].alpha.shape
+    alpha = cut.layers[0].alpha.numpy().astype("float32")
+    box = (float(left), float(top), float(left + width), float(top + height))
+    view = config.lit.view(exposure.camera, config.vehicle)
+    own = {"object": RoadObject(width_m=1.0, base_m=None, sheeting=config.lit.sheeting)}
+    outline = Outline("object", box, alpha, (left, top), outlined=True)
+    lamps = Headlamps(exposure.headlamp)  # type: ignore[arg-type]  # a beam's name
+    return headlit(light, [outline], replace(view, own=own), lamps)
 
 
 def light_of(image: Path, config: SceneFile) -> Tensor:
@@ -107,8 +144,8 @@ def _check_motion(config: SceneFile, at: Conditions) -> None:
         raise ValueError(
             "object_dx, object_dy: cannot be combined with moves, by which dx and dy move one part"
         )
-    if at[EGO.name] is None and config.vehicle is not None:
-        raise ValueError("vehicle: needs ego_kmh, its speed")
+    if at[EGO.name] is None and config.vehicle is not None and not config.beams:
+        raise ValueError("vehicle: needs ego_kmh, its speed, or headlamp")
     if at[EGO.name] is not None and any(at.displacement_px):
         raise ValueError("ego_kmh: cannot be combined with dx and dy, which move the whole picture alike")
 

@@ -45,6 +45,7 @@ def check_rows(store: Store, classes: Mapping[str, int]) -> None:
             if model not in classes:
                 raise store.damaged("cells.model", f"{model!r} is no model of the run")
             detections = unpack_all(*zip(*(row[1:] for row in rows if row[0] == model), strict=True))
+            # A blob is bytes to SQLite: only here are NaN and classes that the model lacks seen.
             numbers = np.concatenate([detections.boxes_xyxy.ravel(), detections.scores])
             if not np.isfinite(numbers).all() or (detections.class_ids >= classes[model]).any():
                 raise store.damaged("cells.detections", f"no detections of {model!r}")

@@ -46,10 +46,12 @@ def or_none(condition: str) -> str:
 _BYTES = "length(CAST({0} AS BLOB))"  # length alone ends at a zero
 NAME = f"typeof({{0}}) = 'text' AND {_BYTES} BETWEEN 1 AND 4000"
 ANY_TEXT = f"typeof({{0}}) = 'text' AND {_BYTES} <= 20000"
+# Twenty hexadecimal digits: a hash of 80 bits, of which a million cells collide once in 1e12.
 ID = "typeof({0}) = 'text' AND length({0}) = 20 AND {0} NOT GLOB '*[^0-9a-f]*'"
 HASH = "typeof({0}) = 'text' AND length({0}) <= 32 AND {0} NOT GLOB '*[^0-9a-f]*'"
 COUNT, SIZE, FLAG = (number(low, high, "integer") for low, high in ((0, 10**6), (1, 10**5), (0, 1)))
 BIG = number(0, 2**63 - 1, "integer")
+# A mean of shares may exceed 1 by a rounding.
 SHARE, PX = number(0.0, 1.000001), number(-1e9, 1e9)
 MEASURED = number(-math.inf, math.inf)
 

@@ -115,6 +115,11 @@ def targets_when_clean(store: Store, model: str) -> Iterator[TargetRow]:
     return store.targets("model = ? AND clean = 1", model, order="rowid")
 
 
+def labels(store: Store) -> list[str]:
+    """The classes of the run's targets."""
+    return [str(label) for (label,) in store.rows("SELECT DISTINCT label FROM targets ORDER BY label")]
+
+
 def labels_when_clean(store: Store) -> dict[str, dict[str, int]]:
     """How many targets of each label a model has in its original pictures, the most frequent first."""
     query = "SELECT model, label, COUNT(*) AS n FROM targets WHERE clean = 1 GROUP BY model, label"

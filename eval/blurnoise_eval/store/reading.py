@@ -47,6 +47,7 @@ def most_steps(path: Path) -> Steps:
     False
     """
     facts = path.stat()
+    # A file may claim any size with holes in it, and would be allowed as many steps.
     n_bytes = min(facts.st_size, 512 * getattr(facts, "st_blocks", facts.st_size))  # without holes
     return Steps(_STEPS + _STEPS_PER_BYTE * n_bytes)
 
@@ -105,6 +106,7 @@ def connect(path: Path, steps: Steps) -> sqlite3.Connection:
         for limit, most in _LIMITS.items():
             db.setlimit(limit, most)
         db.set_progress_handler(steps, _AT_A_TIME)
+        # Against files made to harm: no functions from the schema, pages checked when they are read, no writes.
         db.execute("PRAGMA trusted_schema = OFF")
         db.execute("PRAGMA cell_size_check = ON")
         db.execute("PRAGMA query_only = ON")
@@ -124,6 +126,7 @@ def check_tables(db: sqlite3.Connection) -> None:
     version, application = (db.execute(f"PRAGMA {name}").fetchone()[0] for name in names)
     if version != schema.VERSION or application != schema.APPLICATION:
         raise ValueError(OTHER_VERSION)
+    # Compared as text with tables made on the spot: whatever else a file defines is a difference.
     with closing(sqlite3.connect(":memory:")) as new:
         new.executescript(schema.TABLES)
         for _, name, *_ in db.execute("PRAGMA table_info(cells)"):

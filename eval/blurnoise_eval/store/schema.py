@@ -47,6 +47,7 @@ COLUMNS: dict[str, tuple[TableColumn, ...]] = {
         TableColumn("width_px", "INTEGER", SIZE),
         TableColumn("height_px", "INTEGER", SIZE),
         TableColumn("look", "TEXT", f"{HASH} AND length({{0}}) <= 16"),
+        TableColumn("headlit", "TEXT", or_none(ANY_TEXT)),
     ),
     "skipped": (TableColumn("image", "TEXT", NAME), TableColumn("reason", "TEXT", ANY_TEXT)),
 }
@@ -73,6 +74,7 @@ TABLES = ";\n".join(
         "",
     ]
 )
+# SQLite keeps four bytes in a file's head for its owner, by which `file` and we recognise it.
 APPLICATION = 0x626C6E73
 """In the head of each run's file, as SQLite has it: "blns"."""
 VERSION = int.from_bytes(hashlib.sha256(TABLES.encode()).digest()[:4]) >> 1

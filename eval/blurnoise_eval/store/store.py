@@ -58,13 +58,15 @@ class Stated(dict[str, Any]):
 
 class PictureFacts(NamedTuple):
     """A picture of the run: its source, a hash of its pixels, its size, and a hash of its appearance, see
-    :func:`~blurnoise_eval.datasets.likeness.perceptual_hash`."""
+    :func:`~blurnoise_eval.datasets.likeness.perceptual_hash`. headlit: its targets in headlamps, as JSON; None in a
+    run without."""
 
     identity: str
     content: str
     width_px: int
     height_px: int
     look: str
+    headlit: str | None = None
 
 
 @dataclass(frozen=True)
@@ -257,7 +259,7 @@ class Store:
             raise StoreError(f"run = {str(self.folder)!r}: picture {image!r} {was}")
         if held != facts:
             with self._transaction() as db:
-                db.execute("INSERT OR REPLACE INTO pictures VALUES (?, ?, ?, ?, ?, ?)", (image, *facts))
+                db.execute("INSERT OR REPLACE INTO pictures VALUES (?, ?, ?, ?, ?, ?, ?)", (image, *facts))
 
     def pictures(self, image: str | None = None) -> dict[str, PictureFacts]:
         """The pictures that cells were computed from, or one of them, by name."""

@@ -45,7 +45,14 @@ RUN_FILES = (
 def write_records(
     name: str, records: Sequence[Mapping[str, Any]], document: Mapping[str, Any], folder: Path
 ) -> None:
-    """Write ``name``.csv with a row per record, and ``name``.json. Raises ``OSError``."""
+    """Write ``name``.csv with a row per record, and ``name``.json. Raises ``OSError``.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> write_records("answers", [{"model": "a", "auc": 0.5}], {"models": ["a"]}, folder)
+    >>> (folder / "answers.csv").read_text()
+    'model,auc\\na,0.5\\n'
+    """
     write_whole(folder / f"{name}.csv", (line.encode() for line in csv_lines([*records[0]], records)))
     write_whole(folder / f"{name}.json", json.dumps(document, indent=1, allow_nan=False).encode())
 
@@ -56,6 +63,9 @@ def check_outputs(folder: Path, *names: str) -> None:
     names: patterns of :meth:`Path.glob`; folders end with a slash. Raises ``OSError`` for a file that must not be
     replaced, and for a pipe, which may have no reader; ``ValueError`` for a link out of the folder, which may come
     from anyone.
+
+    >>> import tempfile
+    >>> check_outputs(Path(tempfile.mkdtemp()), "report.html", "figures/")  # raises where one must not be written
     """
     check_writable_folder(folder)
     for below in sorted({name.rpartition("/")[0] for name in names} - {""}):
@@ -97,6 +107,9 @@ def path_within(folder: Path, name: str | Path) -> Path:
     """The path in ``folder`` of a name from a run, which may come from anyone. It need not exist.
 
     Raises ``ValueError`` for a name that leaves the folder, as :func:`inside` does, also through a symbolic link.
+
+    >>> path_within(Path("run"), "figures/../report.html").as_posix()
+    'run/report.html'
     """
     path = folder / inside(str(name))
     if not path.resolve().is_relative_to(folder.resolve()):

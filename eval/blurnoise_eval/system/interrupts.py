@@ -83,6 +83,7 @@ def _catching(own_process: bool) -> Iterator[None]:
             if action is not signal.SIG_IGN:
                 signal.signal(each, _end if own_process else _interrupt)
                 _caught[each] = action
+    # Python prints exceptions in destructors and goes on: a Ctrl-C there would be lost.
     sys.unraisablehook = lambda args: _raise_again() if args.exc_type is KeyboardInterrupt else hook(args)
     if own_process:
         atexit.register(_die)  # what is registered first runs last
@@ -100,6 +101,7 @@ def _catching(own_process: bool) -> Iterator[None]:
 def _interrupt(number: int, frame: FrameType | None) -> None:
     global _by
     _by = number
+    # The second signal ends the process at once.
     for each in _caught:
         signal.signal(each, signal.SIG_DFL)
     if sys.stderr is not None and sys.stderr.isatty():

@@ -30,6 +30,7 @@ def is_own(text: str, signature: str | None) -> bool:
     secret = _secret()
     if not secret or not signature:
         return False
+    # In constant time: how long a comparison takes must not tell how much of a guess is right.
     return hmac.compare_digest(_of(text, secret).encode(), signature.encode("utf-8", "surrogatepass"))
 
 

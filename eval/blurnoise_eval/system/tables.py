@@ -42,7 +42,11 @@ def csv_lines(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> Iter
 
 
 def csv_text(rows: Iterable[Sequence[Any]]) -> str:
-    """Rows as lines of CSV, texts :func:`guarded`."""
+    """Rows as lines of CSV, texts :func:`guarded`.
+
+    >>> csv_text([["image", 0.5]])
+    'image,0.5\\r\\n'
+    """
     text = io.StringIO()
     csv.writer(text).writerows([guarded(value) for value in row] for row in rows)
     return text.getvalue()
@@ -52,5 +56,8 @@ def guarded(value: Any) -> Any:
     """Put an apostrophe in front of a text that a spreadsheet would compute; numbers are returned unchanged.
 
     Names of classes, models and pictures may come from anyone. Source: CWE-1236; OWASP ASVS 5.0, requirement 1.2.10.
+
+    >>> guarded("=HYPERLINK(1)"), guarded("car"), guarded(-1)
+    ("'=HYPERLINK(1)", 'car', -1)
     """
     return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value

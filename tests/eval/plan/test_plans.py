@@ -19,7 +19,7 @@ from blurnoise._core.checks import LIMITS
 from blurnoise.camera import Camera
 from blurnoise.camera.spectra import ILLUMINANTS
 from blurnoise.motion.ego import Vehicle, View
-from blurnoise.scene.exposure import MOVES
+from blurnoise.scene.exposure import HEADLAMP, MOVES
 
 AT = Conditions(exposure_s=0.01, illuminance_lux=50, velocity_x_px_s=300.0, velocity_y_px_s=-400.0)
 
@@ -103,7 +103,7 @@ def test_an_f_number_of_a_sweep_scales_a_measured_t_number():
 def test_the_axes_limits_are_the_simulators(axis):
     name = axis.into.removeprefix("camera.").partition(".")[0]
     if axis.choices:
-        known = {"moves": MOVES, "illuminant": (*ILLUMINANTS, OWN_SPECTRUM)}[axis.name]
+        known = {"moves": MOVES, "illuminant": (*ILLUMINANTS, OWN_SPECTRUM), "headlamp": HEADLAMP}[axis.name]
         assert axis.choices == known
         assert (axis.low, axis.high) == (0, LIMITS["kelvin"].high if axis.prefix else len(known) - 1)
         assert not axis.prefix or axis.least_number == LIMITS["kelvin"].low

@@ -22,6 +22,11 @@ class Candidates:
 
     class_scores: (N, classes), of each box with every class, where the graph tells; ``scores`` and ``class_ids`` are
     then those of the class that leads. leads: (N,) whether the class does, None: all do.
+
+    >>> boxes, scores = np.zeros((1, 4), np.float32), np.array([[0.9, 0.4]], np.float32)
+    >>> one = Candidates(boxes, scores[:, 0], np.array([0]), scores)
+    >>> one.with_classes(0.3).class_ids.tolist()  # the box counts with both classes
+    [0, 1]
     """
 
     boxes_xyxy: FloatArray
@@ -81,6 +86,7 @@ def sigmoid(logits: FloatArray) -> FloatArray:
     >>> sigmoid(np.array([-1000.0, 0.0], np.float32))
     array([0. , 0.5], dtype=float32)
     """
+    # The same function: tanh stays finite where exp(-x) overflows.
     return np.asarray(0.5 * (1 + np.tanh(logits / 2)), np.float32)
 
 
@@ -97,6 +103,10 @@ def select(
 
     boxes: (N, 4) = centre x, y, width, height, px; with ``corners`` left, top, right, bottom. class_scores:
     (N, classes), if the graph tells them.
+
+    >>> boxes = np.array([[10, 10, 4, 6], [0, 0, np.inf, 1]], np.float32)  # centre and size
+    >>> select(boxes, np.array([0.9, 0.8], np.float32), np.array([0, 0]), 0.5).boxes_xyxy.tolist()
+    [[8.0, 7.0, 12.0, 13.0]]
     """
     candidates = Candidates(boxes, scores, class_ids, class_scores)
     strong = scores >= min_score
@@ -194,7 +204,11 @@ class Placement:
 
 
 def picture_size(image: NDArray[np.uint8]) -> tuple[int, int]:
-    """Return (height, width). Raises ``TypeError`` or ``ValueError`` for anything but RGB (H, W, 3), uint8."""
+    """Return (height, width). Raises ``TypeError`` or ``ValueError`` for anything but RGB (H, W, 3), uint8.
+
+    >>> picture_size(np.zeros((480, 640, 3), np.uint8))
+    (480, 640)
+    """
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
         kind = getattr(image, "dtype", type(image).__name__)
         raise TypeError(f"image: must be a NumPy array of uint8, shape (H, W, 3); got {kind}")
@@ -204,7 +218,11 @@ def picture_size(image: NDArray[np.uint8]) -> tuple[int, int]:
 
 
 def blob_shape(axes: str, size_px: tuple[int, int], channels: int = 3) -> tuple[int, ...]:
-    """The shape of an input "nchw", "nhwc" or "chw" of (height, width) px that holds one picture."""
+    """The shape of an input "nchw", "nhwc" or "chw" of (height, width) px that holds one picture.
+
+    >>> blob_shape("nchw", (320, 640)), blob_shape("chw", (320, 640))
+    ((1, 3, 320, 640), (3, 320, 640))
+    """
     if axes == "chw":
         return (channels, *size_px)
     return (1, *size_px, channels) if axes == "nhwc" else (1, channels, *size_px)
@@ -226,10 +244,17 @@ def lay_in(
     ``dtype``: float32, or uint8 where the contract leaves values as they are.
     Resizing is bilinear, as the families' own code does it. Raises ``TypeError`` for anything but uint8,
     ``ValueError`` for a wrong shape.
+
+    >>> from blurnoise_eval import STOP_SIGN, Detector
+    >>> contract = Detector(STOP_SIGN).contract  # letterboxed to 320 x 320 px
+    >>> blob, placement = lay_in(np.zeros((480, 640, 3), np.uint8), contract, (320, 320))
+    >>> blob.shape, placement.scale_x, placement.top_px
+    ((1, 3, 320, 320), 0.5, 40)
     """
     height, width = picture_size(image)
     size_px = (height, width) if contract.resize == "none" else size_px
     if contract.resize.startswith("letterbox"):
+        # One scale for both sides keeps the picture's shape; what is left over is padded.
         scale = min(size_px[0] / height, size_px[1] / width)
         new_height, new_width = max(1, round(height * scale)), max(1, round(width * scale))
     else:
@@ -253,6 +278,7 @@ def lay_in(
         gain = np.float32(1 / (full_scale * std))
         window = channel[top : top + new_height, left : left + new_width]
         if window.size < channel.size:
+            # Padding goes through the same normalisation as the picture.
             channel[...] = (contract.pad_value / full_scale - mean) / std
         np.copyto(window, plane)  # converts faster than a multiplication that has to
         if gain != 1:
