@@ -21,6 +21,8 @@ from torch.utils.data import get_worker_info
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
 from blurnoise.camera import Camera
+from blurnoise.camera.spectra import Curve
+from blurnoise.light.lights import Light
 from blurnoise.motion.ego import Vehicle
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import AutoExposure
@@ -39,7 +41,9 @@ except ImportError:
 _TARGETS = (
     "IMAGE", "IMAGES", "MASK", "MASKS", "BBOXES", "KEYPOINTS", "VOLUME", "VOLUMES", "MASK3D", "MASKS3D",
 )  # fmt: skip
-_RECORDS: dict[str, type] = {"camera": Camera, "gain_db": AutoExposure, "vehicle": Vehicle}
+_RECORDS: dict[str, type] = {
+    "camera": Camera, "gain_db": AutoExposure, "vehicle": Vehicle, "illuminant": Curve, "light": Light,
+}  # fmt: skip
 """Arguments that ``A.to_dict`` writes as mappings."""
 
 

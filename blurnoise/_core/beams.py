@@ -16,7 +16,15 @@ BeamPlanes = Mapping[str, Tensor]
 
 
 def checked_planes(name: str, planes: BeamPlanes, *shapes: tuple[int, ...]) -> dict[str, Tensor]:
-    """Planes, lux >= 0, of one of these shapes, by beam. Raises ``TypeError`` or ``ValueError``."""
+    """Planes, lux >= 0, of one of these shapes, by beam. Raises ``TypeError`` or ``ValueError``.
+
+    >>> import torch
+    >>> checked_planes("headlamp_lux", {"low": torch.full((1, 1, 4, 6), 20.0)}, (1, 1, 4, 6)).keys()
+    dict_keys(['low'])
+    >>> checked_planes("headlamp_lux", {"low": torch.zeros(1, 1, 4, 6)}, (1, 1, 8, 8))
+    Traceback (most recent call last):
+    ValueError: headlamp_lux['low']: shape is (1, 1, 4, 6); must be (1, 1, 8, 8)
+    """
     an_instance(name, planes, Mapping)
     most = LIMITS["illuminance_lux"].high
     for beam, plane in planes.items():

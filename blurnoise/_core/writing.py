@@ -107,7 +107,17 @@ def writing(*, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Iterator
 
 
 def note_inputs(paths: Iterable[Path]) -> None:
-    """Register files that the command reads. They are examined only when a file is about to be replaced."""
+    """Register files that the command reads. They are examined only when a file is about to be replaced.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> path.write_text("mine") and None
+    >>> with writing(overwrite=True):
+    ...     note_inputs([path])
+    ...     write_whole(path, b"ours")
+    Traceback (most recent call last):
+    FileExistsError: [Errno 17] is an input of this command, which is never replaced: ...
+    """
     if (command := _WRITING.get()) is not None:
         command.inputs.append(paths)
 
@@ -231,6 +241,14 @@ def check_own_folder(folder: Path) -> None:
     """Raise ``OSError`` for a folder that holds, here or below, a file that blurnoise did not write there.
 
     Hidden files, such as a desktop's own, are passed over.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> write_whole(folder / "a.txt", b"one")
+    >>> check_own_folder(folder)  # all of it is ours
+    >>> (folder / "b.txt").write_text("mine") and check_own_folder(folder)
+    Traceback (most recent call last):
+    FileExistsError: [Errno 17] holds files that blurnoise did not write (b.txt); choose another folder: ...
     """
     with _naming(folder):
         for root, _, names in os.walk(folder):
@@ -257,7 +275,16 @@ def remove(path: Path) -> None:
 
 
 def remove_made(command: Writing, since: int) -> None:
-    """Delete the files that were made from the one of this number on, unless they changed, and lists of no file."""
+    """Delete the files that were made from the one of this number on, unless they changed, and lists of no file.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.txt"
+    >>> with writing() as command:
+    ...     write_whole(path, b"one")
+    ...     remove_made(command, since=0)
+    >>> path.exists()
+    False
+    """
     made, command.made[since:] = command.made[since:], []
     for path in made:
         manifest = path.parent / MANIFEST

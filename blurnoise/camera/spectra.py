@@ -172,11 +172,20 @@ def illuminant(name: str | Curve) -> Curve:
     True
     """
     found = check_illuminant(name)
-    return found if isinstance(found, Curve) else ILLUMINANTS[found]()
+    if isinstance(found, Curve):
+        return found
+    return ILLUMINANTS[found]() if found in ILLUMINANTS else planck(float(found.partition(":")[2]))
 
 
 def check_illuminant(illuminant: object) -> str | Curve:
-    """The name as ``ILLUMINANTS`` has it, or the curve. Raises ``TypeError`` or ``ValueError`` for anything else."""
+    """The name as ``ILLUMINANTS`` has it, "planck:KELVIN", or the curve. Raises ``TypeError`` or ``ValueError``.
+
+    >>> check_illuminant("d65")
+    'D65'
+    >>> check_illuminant("moon")
+    Traceback (most recent call last):
+    ValueError: illuminant = 'moon': must be D50, D55, D65, ...
+    """
     if isinstance(illuminant, Curve):
         return illuminant
     if not isinstance(illuminant, str):
@@ -187,7 +196,7 @@ def check_illuminant(illuminant: object) -> str | Curve:
     if kind != "planck":
         raise ValueError(f"illuminant = {shown(illuminant)}: {_ALLOWED}")
     try:
-        return planck(float(kelvin))
+        return f"planck:{limited('kelvin', float(kelvin)):.15g}"
     except ValueError as error:
         raise ValueError(f"illuminant = {shown(illuminant)}: {error}") from None
 

@@ -32,7 +32,12 @@ _NEAREST_M = 0.1  # ahead of lamps, which are no points from nearer by
 
 
 class Lit(NamedTuple):
-    """Light of both lamps on points: illuminance E_h, lux, and the luminance L_r that sheeting returns, cd/m2."""
+    """Light of both lamps on points: illuminance E_h, lux, and the luminance L_r that sheeting returns, cd/m2.
+
+    >>> person = Headlamps("low").onto(1.0, [0.25, 0.9, 1.4], 40.0)  # legs, hips and chest, in matte clothes
+    >>> person.illuminance_lux.round(2).tolist(), person.luminance_cd_m2.tolist()
+    ([21.44, 1.37, 0.31], [0.0, 0.0, 0.0])
+    """
 
     illuminance_lux: Floats
     luminance_cd_m2: Floats
@@ -154,6 +159,12 @@ class HeadlampLight(LightEffect):
     A surface of light l under E lux has l (1 + X / E) where headlamps add X lux, whatever it reflects. X of
     retroreflective targets stands for what they return: E_h + pi L_r / w gives a white of reflectance w the luminance
     L_r beside that of the matte white.
+
+    >>> import torch
+    >>> from blurnoise import Camera, Exposure, Scene, plan
+    >>> scene = Scene(torch.full((1, 1, 4, 6), 0.2), headlamp_lux={"low": torch.full((1, 1, 4, 6), 9.0)})
+    >>> plan(Exposure(Camera.preset("imx250"), 0.01, 1.0, headlamp="low"), scene).stages[0].how
+    'low beam, X 9 to 9 lux'
     """
 
     name = "headlamps"
@@ -188,7 +199,14 @@ class HeadlampLight(LightEffect):
 
 
 def ambient_share(at: Resolved[Tensor], layer: Layer | None = None) -> Tensor | float:
-    """Share of other light than headlamps', of pictures (B, 1, H, W), or of a layer (1, h, w) of the only one."""
+    """Share of other light than headlamps', of pictures (B, 1, H, W), or of a layer (1, h, w) of the only one.
+
+    >>> from blurnoise import Camera
+    >>> lit = BeamLight("low", ((3.0, 3.0, 3.0),), torch.full((1, 1, 1, 1), 3.0))
+    >>> one = torch.ones(1)
+    >>> ambient_share(Resolved(Camera.preset("imx250"), one, one, one, illuminance_lux=one, headlamp=lit)).item()
+    0.25
+    """
     return 1.0 if at.headlamp is None else 1 / (1 + _ratio(at, layer))
 
 

@@ -70,6 +70,26 @@ def named_lights() -> Mapping[str, Light]:
     }
 
 
+def each_light(names: str | Light | Iterable[str | Light]) -> tuple[Light, ...]:
+    """Lights in the order of their names, several of one lux included. Raises ``TypeError`` or ``ValueError``.
+
+    >>> [light.illuminant for light in each_light(["sodium-street", "lit-street"])]
+    ['sodium', 'led-4000']
+    """
+    from blurnoise._core.checks import known
+
+    names = [names] if isinstance(names, Light) else names.split(",") if isinstance(names, str) else names
+    found = []
+    for each in names:
+        if isinstance(each, str):
+            known("light", each.strip(), names_of_lights())
+            each = named_lights()[each.strip()]
+        if not isinstance(each, Light):
+            raise TypeError(f"light = {each!r}: must be names or Light")
+        found.append(each)
+    return tuple(found)
+
+
 def lights_of(names: str | Iterable[str | Light]) -> tuple[Light, ...]:
     """Lights from "NAME,NAME", from names or from records, the darkest first.
 
@@ -79,17 +99,7 @@ def lights_of(names: str | Iterable[str | Light]) -> tuple[Light, ...]:
     >>> [light.lux for light in lights_of("daylight,street")]
     [1.0, 20000.0]
     """
-    from blurnoise._core.checks import known
-
-    found = []
-    for each in names.split(",") if isinstance(names, str) else names:
-        if isinstance(each, str):
-            known("light", each.strip(), names_of_lights())
-            each = named_lights()[each.strip()]
-        if not isinstance(each, Light):
-            raise TypeError(f"light = {each!r}: must be names or Light")
-        found.append(each)
-    lights = sorted(dict.fromkeys(found), key=lambda light: light.lux)
+    lights = sorted(dict.fromkeys(each_light(names)), key=lambda light: light.lux)
     for one, other in pairwise(lights):
         if one.lux == other.lux:
             spectra, beams = (

@@ -46,6 +46,9 @@ class BeamLight(NamedTuple):
     """Light of headlamps on pictures: the beam, the least, the most and the RMS of each picture, and planes, lux.
 
     lux: (B, 1, H, W), what the beam adds to the illuminance of each pixel; of one frame None.
+
+    >>> BeamLight("low", ranges_lux=((0.0, 20.0, 3.5),)).beam
+    'low'
     """
 
     beam: str

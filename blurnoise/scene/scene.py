@@ -85,7 +85,12 @@ class Scene:
         return self.light.shape[-2], self.light.shape[-1]
 
     def beam_light(self, beam: str) -> BeamLight:
-        """The light of a beam on the pictures. Raises ``ValueError`` where the scene, or a layer of it, has none."""
+        """The light of a beam on the pictures. Raises ``ValueError`` where the scene, or a layer of it, has none.
+
+        >>> scene = Scene(torch.full((1, 1, 4, 6), 0.2), headlamp_lux={"low": torch.full((1, 1, 4, 6), 9.0)})
+        >>> scene.beam_light("low").ranges_lux
+        ((9.0, 9.0, 9.0),)
+        """
         if beam not in self._beams:
             known = {"the scene": [self.headlamp_lux]}
             known["a layer of the scene"] = [one.headlamp_lux for some in self.per_picture for one in some]
@@ -93,9 +98,9 @@ class Scene:
                 if not all(beam in planes for planes in every):
                     raise ValueError(f"headlamp = {beam!r}: {what} has no headlamp_lux of this beam")
             plane = self.headlamp_lux[beam].to(self.light)
-            ranges = tuple(
-                (*extremes(each), _rms(each)) for each in plane.expand(len(self.light), -1, -1, -1)
-            )
+            behind = plane.expand(len(self.light), -1, -1, -1)
+            layers = self.per_picture or ((),) * len(behind)
+            ranges = tuple(_range_lux(beam, *each) for each in zip(behind, layers, strict=True))
             self._beams[beam] = BeamLight(beam, ranges, plane)
         return self._beams[beam]
 
@@ -103,6 +108,11 @@ class Scene:
         """Mean light of the first picture as the exposure's camera meters it (:func:`.metering.mean_luma`).
 
         With headlamps mean(light) + mean(light X) / E, both of them computed once for any number of exposures.
+
+        >>> from blurnoise import Camera
+        >>> scene = Scene(torch.full((1, 1, 4, 6), 0.2), headlamp_lux={"low": torch.full((1, 1, 4, 6), 9.0)})
+        >>> round(scene.mean_light(Exposure(Camera.preset("imx250"), 0.01, 3.0, headlamp="low")), 3)
+        0.8
         """
 
         def mean(beam: str) -> float:
@@ -126,8 +136,15 @@ def _noise_field(plane: Tensor, seed: int, stream: str, planes: int) -> Tensor:
     return rng.standard_normal([seed], plane.expand(-1, planes, -1, -1), stream)
 
 
-def _rms(plane: Tensor) -> float:
-    return float(plane.detach().double().square().mean().sqrt())
+def _range_lux(beam: str, behind: Tensor, layers: Sequence[Layer]) -> tuple[float, float, float]:
+    """The least, the most and the RMS of headlamps' light on a picture, that on its layers included, lux."""
+    least, most = extremes(behind)
+    squares = float(behind.detach().double().square().sum())
+    for layer in layers:
+        low, high = extremes(layer.headlamp_lux[beam])
+        least, most = min(least, low), max(most, high)
+        squares += float((layer.headlamp_lux[beam] * layer.alpha).detach().double().square().sum())
+    return least, most, min(most, math.sqrt(squares / behind.numel()))
 
 
 def brightest(light: Tensor, layers: Sequence[Sequence[Layer]]) -> list[float]:

@@ -116,11 +116,12 @@ class OverConditions:
         """Pictures (B, C, H, W), each taken under the conditions of an item of ``params``, with a seed of its own."""
         dtype = torch.promote_types(pictures.dtype, torch.float32)  # halves are computed in single precision
         exposures, lit = self.ranges.exposures(params, items, seeds, dtype), "headlamp_lux" in params
+        beams = self.ranges.beams(params, items) if lit else ["off"] * len(items)
         return expose_pictures(
             pictures,
-            [replace(one, headlamp="low") for one in exposures] if lit else exposures,
+            [replace(one, headlamp=beam) for one, beam in zip(exposures, beams, strict=True)],
             masks=params["masks"][items] if "masks" in params else None,
-            headlamp_lux={"low": params["headlamp_lux"][items]} if lit else {},
+            headlamp_lux=dict.fromkeys({*beams} - {"off"}, params["headlamp_lux"][items]) if lit else {},
             lamp_lights=self.ranges.lamp_lights,
             encoding=self.flags["encoding"],
             grey_anchor=self.flags["grey_anchor"],
@@ -209,7 +210,8 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         """The pictures (B, C, H, W), or one (C, H, W), exposed; masks as :func:`expose_pictures` takes them.
 
         Of one picture masks are (N, H, W). headlamp_lux: what headlamps add to the illuminance that is drawn, lux,
-        (B, 1, H, W) or (1, 1, H, W). Both are kept in ``_params``, as a replay needs them.
+        (B, 1, H, W) or (1, 1, H, W); where a named light has its headlamps off, nothing. Both are kept in
+        ``_params``, as a replay needs them.
         """
         an_instance("input", input, Tensor)
         dense("input", input)

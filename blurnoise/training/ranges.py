@@ -20,24 +20,31 @@ from blurnoise._core.checks import DRAWN_FROM, LIMITS, an_instance, dense, limit
 from blurnoise.camera import Camera
 from blurnoise.camera.captures import windows
 from blurnoise.camera.radiometry import electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
+from blurnoise.light.lights import Light, each_light
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import LONGEST_SHAKE, path_duration_s
 from blurnoise.picture.fusion import amplified, readers
 from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.metering import AutoExposure
 from blurnoise.training.source import (
+    BEAMS_OF,
     DRAWN,
     LAMP,
     Cameras,
     ExposureSource,
     Gain,
+    Illuminants,
     Lights,
     Params,
     Range,
     cameras_of,
+    illuminants_of,
 )
 
 _LONGEST_USUAL_S = 1.0  # a longer exposure was probably meant in milliseconds: there is a warning
+_USUAL_LUX = (min(usual.ILLUMINANCE_LUX.values()), max(usual.ILLUMINANCE_LUX.values()))
+_INDICES = ("camera_index", "moves_index", "illuminant_index", "light_index")
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
 """Ranges, and the one of ``DRAWN`` that each replaces."""
 
@@ -62,6 +69,11 @@ class ExposureRanges(ExposureSource):
     each picture begins at a random phase. None: no lamp. lamp_lights: "all", or the "targets" of pictures with masks:
     then the targets are the lamps, and dark in exposures that fall between pulses.
 
+    illuminant: the light's spectrum, one or several names or curves, equally likely. light: in place of
+    illuminance_lux and illuminant, named lights (:mod:`blurnoise.light.lights`), "street,dusk" or a list, equally
+    likely, each with its lux and spectrum; what its headlamps add depends on the picture, see
+    :class:`blurnoise.RandomExposure`.
+
     Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed; warns of exposures of more
     than a second.
 
@@ -73,7 +85,7 @@ class ExposureRanges(ExposureSource):
 
     camera: Cameras = usual.COLOUR
     exposure_s: Range = (min(usual.EXPOSURE_S), max(usual.EXPOSURE_S))
-    illuminance_lux: Range = (min(usual.ILLUMINANCE_LUX.values()), max(usual.ILLUMINANCE_LUX.values()))
+    illuminance_lux: Range = _USUAL_LUX
     speed_px_s: Range = (min(usual.SPEED_PX_S.values()), max(usual.SPEED_PX_S.values()))
     direction_deg: Range = (0.0, 360.0)
     temperature_c: Range = usual.TEMPERATURE_C
@@ -87,6 +99,8 @@ class ExposureRanges(ExposureSource):
     lamp_hz: Range | None = None
     lamp_duty: Range = (0.1, 0.5)
     lamp_lights: Lights = "all"
+    illuminant: Illuminants = "D55"
+    light: str | Light | Sequence[str | Light] | None = None
 
     def __post_init__(self) -> None:
         moves = (self.moves,) if isinstance(self.moves, str) else tuple(self.moves) or ("",)
@@ -98,6 +112,15 @@ class ExposureRanges(ExposureSource):
         for name in (*DRAWN, "shake_px", "lamp_duty", *_INSTEAD, "lamp_hz"):
             if getattr(self, name) is not None or name not in (*_INSTEAD, "lamp_hz"):
                 checked[name] = bounds(name, getattr(self, name))
+        checked["illuminant"] = illuminants_of(self.illuminant)
+        if self.light is not None:
+            checked["light"] = each_light(self.light)
+            unset = {"illuminance_lux": _USUAL_LUX, "white_e": None, "illuminant": ("D55",)}
+            if stated := [name for name, usually in unset.items() if checked.get(name) != usually]:
+                must = "must not be combined; a light has its own lux and spectrum"
+                raise ValueError(f"light, {stated[0]}: {must}")
+            if not checked["light"]:
+                raise ValueError("light = []: must be at least one light")
         vars(self).update(checked)
         an_instance("vehicle", self.vehicle, Vehicle)
         if self.ego_kmh is None and self.vehicle != USUAL_VEHICLE:
@@ -119,13 +142,22 @@ class ExposureRanges(ExposureSource):
                 readout = f"a shake over the readout of {camera.name!r}"
                 raise ValueError(f"exposure_s = {shortest:g}: too short for {readout}")
 
+    @property
+    def illuminants(self) -> tuple[str | Curve, ...]:  # type: ignore[override]
+        """The spectra to choose from; of named lights theirs, one for each."""
+        own = vars(self)
+        lights = own["light"] or ()
+        return tuple(light.illuminant for light in lights) or own["illuminant"]
+
     def _reached(self) -> Iterator[tuple[str, float, str]]:
         """Quantities that follow from several ranges: description, largest value, and the name of its limit."""
-        most = {name: vars(self)[name][1] for name in self._drawn[: len(DRAWN)]}
+        most = {name: vars(self)[name][1] for name in self._drawn[: len(DRAWN)] if name not in _INDICES}
         shortest, longest = vars(self)["exposure_s"]
         moved, within = "the motion during the exposure in px", f"within {shortest:g} s asks for"
         if "white_e" in most:
-            least_e = min(map(electrons_per_lux_s, self.cameras)) * shortest
+            least_e = (
+                min(electrons_per_lux_s(*lit) for lit in product(self.cameras, self.illuminants)) * shortest
+            )
             lux = most["white_e"] / least_e if least_e > 0 else math.inf
             yield f"white_e = {self.white_e}: {within} illuminance_lux", lux, "illuminance_lux"
         if "blur_px" in most:
@@ -146,11 +178,14 @@ class ExposureRanges(ExposureSource):
     def _drawn(self) -> tuple[str, ...]:
         """The quantities that are drawn for a picture: ``DRAWN``, or those in their place, and others that vary."""
         instead = {_INSTEAD[name]: name for name in _INSTEAD if vars(self)[name] is not None}
+        if self.light is not None:
+            instead["illuminance_lux"] = "light_index"
         further = {
             "camera_index": True,
             "gain_db": isinstance(self.gain_db, tuple),
             "shake_px": vars(self)["shake_px"][1] > 0,
             "moves_index": len(self.moves) > 1,
+            "illuminant_index": len(self.illuminants) > 1 and self.light is None,
             **dict.fromkeys(LAMP, self.lamp_hz is not None),
         }
         varying = (name for name, varies in further.items() if varies)
@@ -163,10 +198,12 @@ class ExposureRanges(ExposureSource):
 
     def conditions(self, uniform: Tensor) -> Params:
         """As of all :class:`ExposureSource`."""
-        drawn = {}
+        drawn: Params = {}
+        of_each: Any = self.cameras, self.moves, self.illuminants, self.light or ()
+        counts = dict(zip(_INDICES, map(len, of_each), strict=True))
         for name, share in zip(self._drawn, uniform.unbind(-1), strict=True):
-            if name in ("camera_index", "moves_index"):
-                drawn[name] = chosen(share, len(self.cameras if name == "camera_index" else self.moves))
+            if name in counts:
+                drawn[name] = chosen(share, counts[name])
                 continue
             low, high = vars(self).get(name, (0.0, 1.0))  # the phase of a lamp has no range: it is random
             # Rounding of the power may pass the ends, hence the clamp.
@@ -174,11 +211,20 @@ class ExposureRanges(ExposureSource):
             drawn[name] = value.clamp(low, high)
         exposure_s, index = drawn["exposure_s"], drawn["camera_index"]
         if "white_e" in drawn:
-            per_lux_s = exposure_s.new_tensor([electrons_per_lux_s(camera) for camera in self.cameras])
-            lux = drawn.pop("white_e") / (per_lux_s[index] * exposure_s)
+            lit = product(self.cameras, self.illuminants)
+            per_lux_s = exposure_s.new_tensor([electrons_per_lux_s(*each) for each in lit])
+            place = index * len(self.illuminants) + drawn.get("illuminant_index", 0)
+            lux = drawn.pop("white_e") / (per_lux_s[place] * exposure_s)
             drawn["illuminance_lux"] = lux.clamp_max(LIMITS["illuminance_lux"].high)
         if "blur_px" in drawn:
             drawn["speed_px_s"] = (drawn.pop("blur_px") / exposure_s).clamp_max(LIMITS["speed_px_s"].high)
+        if "light_index" in drawn:
+            lights, of_light = vars(self)["light"], drawn.pop("light_index")
+            drawn["illuminance_lux"] = exposure_s.new_tensor([light.lux for light in lights])[of_light]
+            drawn["illuminant_index"] = of_light
+            drawn["beam_index"] = of_light.new_tensor([BEAMS_OF.index(each.headlamp) for each in lights])[
+                of_light
+            ]
         if "ego_kmh" in drawn:
             drawn["speed_px_s"] = torch.zeros_like(exposure_s)
         if self.moves != ("all",):
@@ -192,9 +238,11 @@ class ExposureRanges(ExposureSource):
             "moves": self.moves != ("all",),
             "vehicle": self.ego_kmh is not None,
             **dict.fromkeys(("lamp_hz", "lamp_duty", "lamp_lights"), self.lamp_hz is not None),
+            "illuminant": self.illuminants != ("D55",) and self.light is None,
         }
         used = (name for name, uses in further.items() if uses)
-        named = (*self._drawn[: len(DRAWN)], "gain_db", *used)
+        ranges = ("light" if name == "light_index" else name for name in self._drawn[: len(DRAWN)])
+        named = (*ranges, "gain_db", *used)
         return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in named)])
 
 

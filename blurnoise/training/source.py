@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from blurnoise.camera import Camera
+from blurnoise.camera.spectra import Curve, check_illuminant
 from blurnoise.light.lamp import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory, path_duration_s, shake
@@ -23,6 +24,8 @@ from blurnoise.scene.metering import AutoExposure
 Range = float | Sequence[float]
 """A number, or the bounds (low, high) to draw between."""
 Cameras = Camera | str | Sequence[Camera | str]
+Illuminants = str | Curve | Sequence[str | Curve]
+"""One or several spectra of the light, by name or as curves."""
 Params = dict[str, Tensor]
 Gain = Range | Literal["auto"] | AutoExposure
 """dB, or the gain that auto-exposure sets."""
@@ -31,8 +34,10 @@ DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temper
 """Conditions that are drawn for every picture."""
 LAMP = ("lamp_hz", "lamp_duty", "lamp_phase")
 """Conditions of pictures with a lamp."""
+BEAMS_OF = ("off", "low", "high")
 _OF_EACH = (
-    *DRAWN, *LAMP, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "shake_px", "noise_seed",
+    *DRAWN, *LAMP, "camera_index", "gain_db", "gain_auto", "moves_index", "illuminant_index", "ego_kmh", "shake_px",
+    "noise_seed",
 )  # fmt: skip
 
 
@@ -40,7 +45,7 @@ class ExposureSource(ABC):
     """A source of exposures for training pictures: :class:`ExposureRanges`, or a table of conditions.
 
     gain_db: of pictures for which none is drawn. vehicle: drives at the ``ego_kmh`` that are drawn. lamp_lights: what
-    a pulsed lamp lights.
+    a pulsed lamp lights. illuminants: the spectra of the light to choose from.
 
     >>> from blurnoise.training.ranges import ExposureRanges
     >>> source = ExposureRanges("imx250", exposure_s=(0.001, 0.016), illuminance_lux=50.0)
@@ -50,6 +55,7 @@ class ExposureSource(ABC):
     """
 
     vehicle: Vehicle = USUAL_VEHICLE
+    illuminants: tuple[str | Curve, ...] = ("D55",)
     camera: Cameras
     gain_db: Gain
     moves: Moves | Sequence[Moves]
@@ -75,8 +81,8 @@ class ExposureSource(ABC):
         """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each.
 
         ``DRAWN``, and where they are drawn ``gain_db``, ``gain_auto``, ``shake_px``, ``ego_kmh``, ``lamp_hz``,
-        ``lamp_duty`` and ``lamp_phase``; int64 indices of the cameras, ``camera_index``, and of moves,
-        ``moves_index``.
+        ``lamp_duty`` and ``lamp_phase``; int64 indices of the cameras, ``camera_index``, of moves,
+        ``moves_index``, of spectra, ``illuminant_index``, and of ``BEAMS_OF``, ``beam_index``.
         """
 
     def exposures(
@@ -109,6 +115,10 @@ class ExposureSource(ABC):
         }
         if "moves_index" in drawn:
             columns["moves"] = [self.moves[index] for index in drawn["moves_index"].tolist()]
+        spectra = [0] * len(chosen)
+        if "illuminant_index" in drawn:
+            spectra = drawn["illuminant_index"].tolist()
+        columns["illuminant"] = [self.illuminants[index] for index in spectra]
         if "ego_kmh" in drawn:
             columns["ego_speed_m_s"] = (drawn["ego_kmh"] / 3.6).tolist()
             columns["vehicle"] = [self.vehicle] * len(chosen)
@@ -120,6 +130,13 @@ class ExposureSource(ABC):
             Exposure(**dict(zip(columns, values, strict=True)))
             for values in zip(*columns.values(), strict=True)
         ]
+
+    def beams(self, params: Params, items: Sequence[int]) -> list[str]:
+        """The beam of the headlamps of each picture of ``items`` whose headlamp light is known: that of its drawn
+        light, else low beam."""
+        if "beam_index" not in params:
+            return ["low"] * len(items)
+        return [BEAMS_OF[index] for index in params["beam_index"][list(items)].tolist()]
 
     def _gains(self, drawn: Params, count: int) -> list[float | AutoExposure]:
         """The gain of each picture: drawn, or else that of the source, a number or an auto-exposure."""
@@ -152,6 +169,19 @@ def _shakes(drawn: Params, cameras: Sequence[Camera]) -> list[Trajectory | None]
         else None
         for seed, extent_px, exposure_s, camera in zip(*columns, cameras, strict=True)
     ]
+
+
+def illuminants_of(illuminant: Illuminants) -> tuple[str | Curve, ...]:
+    """The spectra, names as the table has them. Raises ``TypeError`` or ``ValueError``.
+
+    >>> illuminants_of(["d65", "Sodium"])
+    ('D65', 'sodium')
+    """
+    several = isinstance(illuminant, Sequence) and not isinstance(illuminant, str)
+    given = list(illuminant) if several else [illuminant]  # type: ignore[arg-type]
+    if not given:
+        raise ValueError("illuminant = []: must be at least one spectrum")
+    return tuple(map(check_illuminant, given))
 
 
 def cameras_of(camera: Cameras) -> tuple[Camera, ...]:

@@ -26,10 +26,20 @@ from blurnoise._core.checks import LIMITS, integer, limited, one_of, shown
 from blurnoise._core.files import json_of
 from blurnoise.camera import Camera
 from blurnoise.camera.colour import PictureTone, picture_tone
+from blurnoise.camera.spectra import check_illuminant
 from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor
 from blurnoise.training.ranges import bounds, chosen, warn_of_milliseconds
-from blurnoise.training.source import DRAWN, Cameras, ExposureSource, Gain, Params, Range, cameras_of
+from blurnoise.training.source import (
+    BEAMS_OF,
+    DRAWN,
+    Cameras,
+    ExposureSource,
+    Gain,
+    Params,
+    Range,
+    cameras_of,
+)
 
 FILE = "conditions.json"
 """The file of a sweep's folder with its cameras and the conditions that it tested."""
@@ -59,6 +69,8 @@ class ConditionRow(NamedTuple):
     moves: str = "all"
     camera: int = 0
     most_lux_s: float = math.inf
+    illuminant: str = "D55"
+    headlamp: str = "off"
 
 
 @dataclass(frozen=True)
@@ -90,6 +102,8 @@ class ExposureTable(ExposureSource):
                 limited(name, getattr(row, name))
             limited("displacement_px", row.exposure_s * row.speed_px_s)
             one_of("moves", row.moves, MOVES)
+            check_illuminant(row.illuminant)
+            one_of("headlamp", row.headlamp, BEAMS_OF)
             integer("camera", row.camera, 0, len(self.cameras) - 1)
             if row.gain_db is not None:
                 self.cameras[row.camera].at_gain(row.gain_db)
@@ -104,7 +118,8 @@ class ExposureTable(ExposureSource):
 
         run: the path of the folder, or ``blurnoise_eval.system.urls.location(URL)``.
         Raises ``ValueError`` for a folder without the file, and for conditions that training does not support:
-        trajectories, driving cameras, grey anchors and automatic exposure times.
+        trajectories, driving cameras, grey anchors, automatic exposure times and spectra from files. Headlamps of the
+        run light the pictures that are given with ``headlamp_lux``, see :class:`blurnoise.RandomExposure`.
         """
         path = (Path(run) if isinstance(run, (str, PathLike)) else run) / FILE
         if not path.is_file():
@@ -115,6 +130,8 @@ class ExposureTable(ExposureSource):
             refused = [name for name in _NOT_DRAWN if document.get(name)]
             if any(row["exposure_s"] == "auto" for row in document["conditions"]):
                 refused.append("exposures that its camera sets")
+            if any(row.get("illuminant") == "own" for row in document["conditions"]):
+                refused.append("a spectrum from a file")
             if not refused:
                 cameras = tuple(Camera.from_dict(camera) for camera in document["cameras"])
                 auto = AutoExposure(**document["auto_exposure"]) if document.get("auto_exposure") else USUAL
@@ -157,6 +174,11 @@ class ExposureTable(ExposureSource):
     def moves(self) -> tuple[str, ...]:  # type: ignore[override]
         """The entries of ``MOVES`` that occur in the rows, each once."""
         return tuple(dict.fromkeys(row.moves for row in self.rows))
+
+    @cached_property
+    def illuminants(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The spectra that occur in the rows, each once."""
+        return tuple(dict.fromkeys(row.illuminant for row in self.rows))
 
     @property
     def draws(self) -> int:
@@ -215,6 +237,11 @@ class ExposureTable(ExposureSource):
             columns["gain_auto"] = torch.from_numpy(auto)
         if self.moves != ("all",):
             columns["moves_index"] = torch.tensor([self.moves.index(moves) for moves in of_rows["moves"]])
+        if len(self.illuminants) > 1:
+            places = [self.illuminants.index(name) for name in of_rows["illuminant"]]
+            columns["illuminant_index"] = torch.tensor(places)
+        if any(row.headlamp != "off" for row in self.rows):
+            columns["beam_index"] = torch.tensor([BEAMS_OF.index(beam) for beam in of_rows["headlamp"]])
         return columns
 
     def __str__(self) -> str:
@@ -262,4 +289,6 @@ def _row(written: Mapping[str, Any]) -> ConditionRow:
         gain_db=None if gain == "auto" else float(gain),
         moves=str(written.get("moves", "all")),
         camera=int(written.get("camera", 0)),
+        illuminant=str(written.get("illuminant", "D55")),
+        headlamp=str(written.get("headlamp", "off")),
     )

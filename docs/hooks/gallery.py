@@ -39,6 +39,9 @@ class Shown(NamedTuple):
 
 GALLERY = {
     "Light": (
+        Shown("headlamps", "an unlit road: the sign, 8 m ahead, returns the light of low beam",
+              "--lux 1 --gain 24 --object 150,77,112,104 --headlamp low --distance-m 8 --sheeting XI",
+              scene="scenes/000003.png"),
         Shown("pulsed lamp", "LEDs of 90 Hz, lit a tenth of the time: 5 ms have missed them",
               "--lux 200 --exposure-ms 5",
               settings="emitters: lamps.pgm:8\npwm: 90,0.1,0.5\npwm_mask: lamps.pgm"),

@@ -107,7 +107,18 @@ def certain(rows: int, places: Tensor | int) -> Tensor:
 
 
 def structured(shape: Shape) -> Tensor:
-    """Whether blocks of pixels deviate from the fitted shape, (B,): a blurred corner would pass for a wide edge."""
+    """Whether blocks of pixels deviate from the fitted shape, (B,): a blurred corner would pass for a wide edge.
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> picture = charts.slanted_edge(60, 60)[0].double()
+    >>> picture[:, :20, 20:40] = picture.amin()  # the bright side ends at a corner
+    >>> line = find_line(picture).position_px
+    >>> sides, upright = measure_sides(picture, line)
+    >>> structured(shape_of(upright, line, sides, block=1)).tolist()
+    [True]
+    """
     noise = (shape.sides.variance.amax(1) / shape.sides.step**2).sqrt()
     off = shape.spline.pixels.in_place(shape.spline.off[0].float())
     misfit = avg_pool2d(off, BLOCK_PX, stride=BLOCK_PX // 2).abs().amax((1, 2)).double()
@@ -134,7 +145,19 @@ def overshoots(shape: Shape) -> Tensor:
 
 
 def two_humps(shape: Shape) -> Tensor:
-    """Whether the line spread, averaged over an eighth of the reach, dips between two humps, (B,)."""
+    """Whether the line spread, averaged over an eighth of the reach, dips between two humps, (B,).
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> noise = 0.0005 * torch.randn(1, 60, 60, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    >>> edge = charts.slanted_edge(60, 60)[0].double()
+    >>> picture = ((edge.roll(3, -1) + edge.roll(-3, -1)) / 2 + noise)[:, :, 10:-10]  # a ghost, 6 px away
+    >>> line = find_line(picture).position_px
+    >>> sides, upright = measure_sides(picture, line)
+    >>> two_humps(shape_of(upright, line, sides, block=1)).tolist()
+    [True]
+    """
     apart = round(0.75 / KNOT_PX)  # from a hump to the dip, at least: closer ones are the ringing of a filter
     knots = torch.eye(shape.spline.coefficients.shape[1], dtype=torch.float64)
     dipping = torch.zeros_like(shape.sides.structured)
@@ -156,6 +179,15 @@ def negative(shape: Shape) -> Tensor:
 
     The edge spread is that of lens and motion, P, averaged over a pixel: E'(u) = P(u + 1/2) - P(u - 1/2). So P is a
     sum of E' at places a pixel apart and must never fall. Means over adjacent halves of a pixel are compared.
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> picture = charts.slanted_edge(60, 60)[0].double().clamp(0.2, 0.6)  # a step from .1 to .8, clipped
+    >>> line = find_line(picture).position_px
+    >>> sides, upright = measure_sides(picture, line)
+    >>> negative(shape_of(upright, line, sides, block=1)).tolist()
+    [True]
     """
     coefficients = shape.spline.coefficients.float()  # single precision is enough here, and twice as fast
     count = coefficients.shape[1]
@@ -213,7 +245,19 @@ def _cost_of_places(variance: Tensor, mtf50: Tensor) -> Tensor:
 
 
 def smoothed(shape: Shape) -> Tensor:
-    """Whether the sides have significantly less noise than the edge between them, (B,): denoised, clipped, curved."""
+    """Whether the sides have significantly less noise than the edge between them, (B,): denoised, clipped, curved.
+
+    >>> from blurnoise import charts
+    >>> from blurnoise.metrics.edge.measurement import shape_of
+    >>> from blurnoise.metrics.edge.position import measure_sides
+    >>> noise = torch.randn(1, 60, 60, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    >>> picture = charts.slanted_edge(60, 60)[0].double()
+    >>> noise *= torch.where((picture > 0.17) & (picture < 0.73), 0.05, 0.002)  # only the sides are denoised
+    >>> line = find_line(picture + noise).position_px
+    >>> sides, upright = measure_sides(picture + noise, line)
+    >>> smoothed(shape_of(upright, line, sides, block=1)).tolist()
+    [True]
+    """
     sides, pixels, (off, _) = shape.sides, shape.spline.pixels, shape.spline.off
     share = pixels.value - off
     ratio = torch.where((share > 0.1) & (share < 0.9), off**2 / shape.noise.clamp_min(1e-18), torch.nan)

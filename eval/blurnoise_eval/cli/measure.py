@@ -60,7 +60,9 @@ class ChartFile(PlanFile):
     camera: Text | None = setting(None, "a preset or a camera file (default: imx250m)", "NAME|FILE")
 
 
-@settings(ChartFile, "camera", "exposure_ms", "lux", "dx", "dy", "gain", template=False)
+@settings(
+    ChartFile, "camera", "exposure_ms", "lux", "light", "illuminant", "dx", "dy", "gain", template=False
+)
 def measure(
     image: Annotated[
         Path | None,
@@ -131,7 +133,7 @@ def measure(
     SSIM. Each chart is simulated with two noise fields, or with as many as 'repeats' of the plan says. The command
     writes DIR/quality.csv (one row per condition and metric) and DIR/quality.json. For each light it draws a figure
     in DIR/figures: the metrics against exposure, one line per speed. Where a value is not available (saturated, lost
-    in noise, blurred beyond the chart), its flags give the reason.
+    in noise, blurred beyond the chart), its flags give the reason. Headlamps of --light do not light charts.
     """
     of_image: dict[str, Any] = {"roi": roi, "mode": None if mode == "exact" else mode}
     of_image |= {"coding": None if coding == "auto" else coding, "black_level": black_level}
@@ -147,6 +149,7 @@ def measure(
         axis.key: config.plan.values(axis.name) != usual.plan.values(axis.name) or None
         for axis in ChartPlan.AXES
     }
+    changed["light"] = config.plan.light or None
     changed["camera"] = config.camera
     changed["plan"] = config != usual or None if not any(changed.values()) else None  # of what has no option
     inputs.refuse_unused(changed, "simulated charts, so no IMAGE")
@@ -193,7 +196,13 @@ def _measure_charts(config: ChartFile, output: Path, as_json: bool) -> None:
     output.mkdir(parents=True, exist_ok=True)
     with ProgressBar("measure", len(plan.conditions())) as advance:
         rows = charts.measure(
-            camera, plan.conditions(), repeats=plan.repeats, seed=plan.seed, threads=workers, progress=advance
+            camera,
+            plan.conditions(),
+            repeats=plan.repeats,
+            seed=plan.seed,
+            spectrum=plan.own_spectrum,
+            threads=workers,
+            progress=advance,
         )
     charts.write(rows, camera, plan, output)
     figures = write(rows, camera.name, output / "figures")

@@ -9,7 +9,17 @@ from blurnoise_eval.system.terminal import say, say_wrapped, width
 
 
 @settings(
-    ProgramFile, "model", "lux", "speeds", "objective", "keep", "score", "fps", "readout_ms", "anti_flicker"
+    ProgramFile,
+    "model",
+    "lux",
+    "light",
+    "speeds",
+    "objective",
+    "keep",
+    "score",
+    "fps",
+    "readout_ms",
+    "anti_flicker",
 )
 def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     """Compute an exposure program from a finished run: the exposure time and gain for each light level at which a
@@ -64,8 +74,13 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
             if config.least_exposure_us is None
             else config.least_exposure_us / 1e6,
         )
+        if config.lux is not None and config.light is not None:
+            raise ValueError("light, lux: must not be combined; a light has its own lux")
+        lights = own.lights_lux if config.lux is None else of.half_stops(*config.lux)
+        if config.light is not None:
+            lights = of.between_lights(config.light, inputs.metering.illuminant)
         scenario = of.Scenario(
-            lights_lux=own.lights_lux if config.lux is None else of.half_stops(*config.lux),
+            lights_lux=lights,
             speeds_px_s=own.speeds_px_s if config.speeds is None else of.speed_shares(config.speeds),
             targets=of.target_shares(config.targets, [*inputs.planes]) if config.targets else own.targets,
             objective=config.objective,

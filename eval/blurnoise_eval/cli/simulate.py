@@ -82,6 +82,8 @@ def simulate(
     facts = {"output": str(output), **figures(scene, exposure, frames.raw[0], cut)}
     if headlit is not None:
         facts |= headlit_figures(headlit, exposure)
+    elif config.beams:
+        facts["headlamps"] = "light nothing, as no distance is known (--object with --distance-m)"
     if config.grey_anchor is not None or config.emitters is not None or config.picture_tone == "linear":
         facts["above_white_percent"] = 100 * float((light.amax(1) > 1).double().mean())
     facts["reflectance"] = reflectance_text(config.grey_anchor, "--grey-anchor")

@@ -28,6 +28,7 @@ from torch import Tensor
 from blurnoise import charts, simulate
 from blurnoise.camera import Camera
 from blurnoise.camera.radiometry import photoelectrons
+from blurnoise.camera.spectra import Curve
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
 from blurnoise.metrics.values import BatchEstimate, Estimate
@@ -59,8 +60,15 @@ _CLIPPED_SHARE = 0.005
 class Charts:
     """Simulated charts under one condition, a frame per repeat; each is simulated when a metric needs it."""
 
-    def __init__(self, camera: Camera, conditions: Conditions, repeats: int, seed: int) -> None:
-        self._at = conditions.exposure(camera)
+    def __init__(
+        self,
+        camera: Camera,
+        conditions: Conditions,
+        repeats: int,
+        seed: int,
+        spectrum: Curve | None = None,
+    ) -> None:
+        self._at = conditions.exposure(camera, spectrum=spectrum)  # headlamps, if any, light no chart
         self._camera, digital_db = self._at.amplified
         self._gain, self._black = 10 ** (digital_db / 20), camera.sensor.black_level_dn
         self._full = self._camera.sensor.saturated_dn
@@ -79,6 +87,7 @@ class Charts:
             illuminance_lux=self._at.illuminance_lux,
             velocity_px_s=self._at.velocity_px_s,
             temperature_c=self._at.temperature_c,
+            illuminant=self._at.illuminant,
             encoding="linear",
             generator=[cell_seed(self._seed, name, repeat) for repeat in range(self._repeats)],
         )
@@ -121,7 +130,8 @@ class Charts:
 
     def of_sign(self, compare: Callable[..., Tensor]) -> list[Estimate]:
         """Compare the stop sign, as a share of white, with its scene; clipping counts as a difference."""
-        light_e = photoelectrons(self._camera, self._at.illuminance_lux, self._at.exposure_s)
+        at = self._at
+        light_e = photoelectrons(self._camera, at.illuminance_lux, at.exposure_s, at.illuminant)
         white_dn = self._camera.sensor.system_gain_dn_per_e * self._gain * light_e
         sign = ((self._sign - self._black) / (white_dn or math.nan)).clamp(0, 1)
         value = compare(sign, _scenes()["sign"].double().expand_as(sign), data_range=1.0)
@@ -267,18 +277,20 @@ def measure(
     *,
     repeats: int = 1,
     seed: int = 0,
+    spectrum: Curve | None = None,
     threads: int = 1,
     progress: Callable[[float], object] = lambda count: None,
 ) -> list[MetricRow]:
     """Measure every metric under every condition, in their order, independent of the number of threads.
 
-    A camera with a mosaic is simulated as if all pixels had its strongest filter. ``progress`` receives 1 for every
+    A camera with a mosaic is simulated as if all pixels had its strongest filter. spectrum: of the illuminant "own".
+    ``progress`` receives 1 for every
     condition. Raises what :func:`blurnoise.simulate` does; :func:`check` raises the same before any work.
     """
     camera = behind_one_filter(camera)
 
     def at(condition: Conditions) -> list[MetricRow]:
-        charts, numbers = Charts(camera, condition, repeats, seed), condition.on(camera)
+        charts, numbers = Charts(camera, condition, repeats, seed, spectrum), condition.on(camera)
         rows = []
         for metric in METRICS:
             estimates = metric.of(charts)
@@ -303,13 +315,15 @@ def check(camera: Camera, plan: SweepPlan) -> None:
     for name, must in needed.items():
         if any(plan.values(name)):
             raise ValueError(f"{name}: must be {must}")
+    if plan.beams:
+        raise ValueError("headlamp: must be off, as a chart has no targets")
     if plan.lamps is not None:
         raise ValueError("emitters, pwm: must be left out; a chart has no lamps")
     if len(camera.sensor.captures) > 1:  # a chart's metrics are of one frame's digital numbers
         count = len(camera.sensor.captures)
         raise ValueError(f"camera: {camera.name!r} has {count} captures; must have one for a chart")
     for conditions in plan.conditions():
-        conditions.exposure(camera)
+        conditions.exposure(camera, spectrum=plan.own_spectrum)
 
 
 def write(rows: Sequence[MetricRow], camera: Camera, plan: SweepPlan, folder: Path) -> None:

@@ -162,6 +162,9 @@ class ProgramFile(Settings):
         "range of illuminance, lux, in steps of half a stop (default: that of the run)",
         "LOW:HIGH",
     )
+    light: Text | None = setting(
+        None, "named lights of the run's spectrum; the range between them, in place of lux", "NAME,..."
+    )
     speeds: Text | None = setting(
         None,
         "speeds, px/s, and how often each occurs, see 'blurnoise motion' (default: those of the run, equally often)",

@@ -69,31 +69,33 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
     nodes = [plane for table in tables for plane in table.on_plane()]
     if not nodes:
         raise StoreError(f"{where}: has no targets under any light")
-    grid = (run.setup.search_space or SearchSpace(run.setup.grid)).grid
+    grid = (run.setup.search_space or SearchSpace(run.plan.spanned)).grid
     # in the dark every exposure gives the same picture, and the logarithm of the light has no end
     space = SearchSpace({**grid, LIGHT.name: [lux for lux in grid[LIGHT.name] if lux]})
     setting = {name: float(nodes[0].conditions[name][0]) for name in FURTHER}
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])
         raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
-    camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
+    conditions = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting)
+    exposure = conditions.exposure(run.camera, spectrum=run.plan.own_spectrum)
+    camera, lit_by = exposure.camera, exposure.illuminant
     if because := what_breaks(camera, space, run.plan.trajectory, pulsed=run.plan.pulsed):
         raise ValueError(f"{where}: cannot give a program: {'; '.join(because)}")
     with run.store as store:
-        light = mean_light(queries.gains_set(store, name), camera)
+        light = mean_light(queries.gains_set(store, name), camera, lit_by)
     if light is None:
         notes.append(
             f"the gains of the run do not show how bright its pictures are; {GREY:g} of white is assumed"
         )
     lights = half_stops(min(space.grid[LIGHT.name]), max(space.grid[LIGHT.name]))
     speeds = dict.fromkeys(sorted({line.speed_px_s for line in space.lines}), 1.0)
-    planes = {table.group: Predicted(table, Trend.of(camera)) for table in nodes}
+    planes = {table.group: Predicted(table, Trend.of(camera, lit_by)) for table in nodes}
     choice = run.averages(tables)[0].choose()
     return Inputs(
         model=name,
         criterion=run.criterion,
         planes=planes,
-        metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
+        metering=Metering(camera, GREY if light is None else light, setting["temperature_c"], lit_by),
         scenario=Scenario(lights, speeds, dict.fromkeys(planes, 1.0)),
         exposures_s=space.exposures_s,
         recommended_s=None if choice is None else choice.exposure_s,

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import Figure, in_range, limited, one_of
 from blurnoise.camera import Camera
+from blurnoise.camera.spectra import Curve
+from blurnoise.light.lights import each_light
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.run.search_space import exposures_on
 
@@ -117,6 +119,20 @@ def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
     if not 0 < limited("illuminance_lux", low_lux) <= limited("illuminance_lux", high_lux):
         raise ValueError(f"lux = {low_lux:g}:{high_lux:g}: must be above 0 and rise")
     return tuple(exposures_on((low_lux, high_lux), LIGHTS_PER_STOP).tolist())
+
+
+def between_lights(names: str, illuminant: str | Curve) -> tuple[float, ...]:
+    """Lights from the darkest to the brightest of named lights, of this spectrum. Raises ``ValueError``.
+
+    >>> between_lights("street,lit-street", "led-4000")[0]
+    1.0
+    """
+    lights = each_light(names)
+    for light in lights:
+        if light.illuminant != illuminant:
+            of_run = illuminant if isinstance(illuminant, str) else "a spectrum of its own"
+            raise ValueError(f"light = {light.name}: has {light.illuminant}; the run has {of_run}")
+    return half_stops(min(light.lux for light in lights), max(light.lux for light in lights))
 
 
 def speed_shares(text: str) -> dict[float, float]:
@@ -250,10 +266,12 @@ class Metering:
     camera: Camera
     mean_light: float
     temperature_c: float = 25.0
+    illuminant: str | Curve = "D55"
 
     @property
     def _picture(self) -> dict[str, Any]:
-        return {"mean_light": self.mean_light, "temperature_c": self.temperature_c}
+        lit = {"mean_light": self.mean_light, "illuminant": self.illuminant}
+        return {**lit, "temperature_c": self.temperature_c}
 
     def total_s(self, illuminance_lux: float) -> float:
         """Exposure times gain that the meter asks for, which is the exposure without gain; at most an hour."""
@@ -267,7 +285,9 @@ class Metering:
         return USUAL.setting(self.camera, **at, **self._picture).gain_db
 
 
-def mean_light(gains: Iterable[tuple[str, float, float, float]], camera: Camera) -> float | None:
+def mean_light(
+    gains: Iterable[tuple[str, float, float, float]], camera: Camera, illuminant: str | Curve = "D55"
+) -> float | None:
     """The mean light of a run's pictures, which follows from the gains that the camera set for them; None where all
     gains are at a limit.
 
@@ -278,7 +298,7 @@ def mean_light(gains: Iterable[tuple[str, float, float, float]], camera: Camera)
     >>> round(mean_light([("a.png", 10.0, 0.01, metering.gain_db(10.0, 0.01))], camera), 3)
     0.25
     """
-    white_lux_s = Metering(camera, 1.0).total_s(1.0)
+    white_lux_s = Metering(camera, 1.0, illuminant=illuminant).total_s(1.0)
     logs_by_image: dict[str, list[float]] = {}
     for image, illuminance_lux, exposure_s, gain_db in gains:
         if _AT_LIMIT_DB < gain_db < camera.sensor.gain_max_db - _AT_LIMIT_DB:

@@ -43,6 +43,7 @@ from blurnoise_eval.datasets import (
     target_mask,
 )
 from blurnoise_eval.datasets.cut_outs import CutOut, CutScene
+from blurnoise_eval.plan.axes import HEADLAMP
 from blurnoise_eval.plan.conditions import Cell
 from blurnoise_eval.plan.plan import SweepPlan, usual_plan
 from blurnoise_eval.run.headlit_scenes import HeadlitScenes, headlit_layers
@@ -321,7 +322,7 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     size, path = camera.field.size, None
     if plan.lamps is not None and plan.lamps.on_targets:
         check_labelled(pictures, "emitters, pwm_mask: targets", "without labels pulses light the whole scene")
-    if plan.beams and not pictures.labelled:
+    if any(plan.values(HEADLAMP.name)) and not pictures.labelled:  # those of a named light then light nothing
         raise ValueError("headlamp: needs labels, by which targets are known; or distance_m with --object")
     if plan.cuts:
         check_cut(pictures, plan.objects)

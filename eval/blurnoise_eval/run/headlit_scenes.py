@@ -100,15 +100,14 @@ class HeadlitScenes:
         self._found: dict[Any, HeadlitPicture] = {}
 
     def of(self, light: Tensor, camera: Camera, beam: str) -> HeadlitPicture:
-        """The targets of the picture's light (1, C, H, W) in a beam. Raises ``ValueError`` without labels."""
-        if self._picture is None or self._picture.targets is None:
-            raise ValueError("headlamp: needs labels, by which targets are known")
+        """The targets of the picture's light (1, C, H, W) in a beam; none of a picture without labels."""
         key = camera.field, beam
         if key not in self._found:
             size = (light.shape[-2], light.shape[-1])
             view = self._plan.lit.view(camera, self._plan.vehicle)
             lamps = Headlamps(BEAMS[BEAMS.index(beam)])
-            self._found[key] = headlit(light, outlines(self._picture, size), view, lamps)
+            targets = [] if self._picture is None else outlines(self._picture, size)
+            self._found[key] = headlit(light, targets, view, lamps)
         return self._found[key]
 
     def facts(self, light: Tensor, camera: Camera) -> HeadlitFacts:

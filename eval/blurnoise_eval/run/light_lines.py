@@ -28,6 +28,7 @@ _MOST_CLASSES = 2
 _NIGHT_LUX = 50.0  # below the light of dusk, signs are seen by headlamps
 _FARTHEST_BESIDE_M = 20.0  # that a target beside the road is
 MATT = "Signs are taken for matt; see --headlamp low."
+UNLABELLED = "Without labels headlamps light nothing: no distance of a target is known."
 KNOWN = "Headlamp light is known to a factor of 2."
 
 
@@ -84,6 +85,8 @@ def light_lines(
     every = [HeadlitFacts.read(each.headlit) for each in pictures.values() if each.headlit is not None]
     view = plan.lit.view(setup.camera, plan.vehicle)
     lines = [_line(light, plan, view, every) for light in lights]
+    if not setup.labelled:
+        return [*lines, UNLABELLED]
     return [*lines, *_notes(every), *_contradiction(setup, every, pictures), KNOWN]
 
 
@@ -123,7 +126,7 @@ def _of_class(label: str, targets: Sequence[StandingTarget], light: RunLight, vi
         middle = sorted(targets, key=lambda target: target.ahead_m)[(len(targets) - 1) // 2]
         place = middle.right_m, middle.up_m, middle.ahead_m
         angle = observation_deg(lamps, place, view.vehicle.height_m)
-        where = f", median {_figure(middle.ahead_m)} m" + (f", {angle:.1f} deg" if material else "")
+        where = f", median {middle.ahead_m:.3g} m" + (f", {angle:.1f} deg" if material else "")
     luminance = median((whites * lux / math.pi + returned).tolist())
     by = ""
     if material is not None and light.beam != "off":
@@ -191,7 +194,7 @@ def _contradiction(
     beside_m = value * away_m**2 / (focal_px * float(name.split()[0]) / 3.6)
     if beside_m > _FARTHEST_BESIDE_M:
         yield (
-            f"{value:g} px/s at {name} and {_figure(away_m)} m means {_figure(beside_m)} m beside the axis; "
+            f"{value:g} px/s at {name} and {away_m:.3g} m means {beside_m:.3g} m beside the axis; "
             "use --ego-kmh."
         )
 

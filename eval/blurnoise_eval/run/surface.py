@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise.camera import Camera
 from blurnoise.camera.radiometry import electrons_per_lux_s
+from blurnoise.camera.spectra import Curve
 from blurnoise.picture import fusion
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.run.search_space import STEP, SearchSpace, exposures_on, spread
@@ -62,9 +63,9 @@ class Trend(NamedTuple):
     full_lux_s: float = 1.5
 
     @classmethod
-    def of(cls, camera: Camera) -> Trend:
+    def of(cls, camera: Camera, illuminant: str | Curve = "D55") -> Trend:
         """That of a camera at its base gain."""
-        per_lux_s = electrons_per_lux_s(camera)
+        per_lux_s = electrons_per_lux_s(camera, illuminant)
         noise_e = math.sqrt(camera.sensor.dark_variance_dn2()) / camera.sensor.system_gain_dn_per_e
         return cls(per_lux_s, noise_e, fusion.saturations_e(camera)[-1] / per_lux_s)
 

@@ -26,7 +26,7 @@ from blurnoise.scene.cutting import Cut, Matte, cut_out
 from blurnoise.scene.metering import anchored, mean_luma
 from blurnoise.scene.scene import scene_reflectance
 from blurnoise_eval.datasets import decode, decode_linear, segmentation
-from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO
+from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, HEADLAMP
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.files import SceneFile
 from blurnoise_eval.plan.lamps import emitters_of, pwm_of
@@ -55,6 +55,7 @@ def opened(config: SceneFile, light: Tensor, camera: Camera) -> Opened:
     )
     cut = _cut(config, light)
     lit = _headlit(config, light, exposure, cut)
+    exposure = exposure if lit else replace(exposure, headlamp="off")
     if at.automatic:
         seen = light if lit is None else light * (1 + lit.plane() / exposure.illuminance_lux)
         exposure = _automatic(config, at, exposure).metered(
@@ -79,13 +80,16 @@ def opened(config: SceneFile, light: Tensor, camera: Camera) -> Opened:
 
 
 def _headlit(config: SceneFile, light: Tensor, exposure: Exposure, cut: Cut | None) -> HeadlitPicture | None:
-    """The object in the light of headlamps, at its stated distance; None without headlamps.
+    """The object in the light of headlamps, at its stated distance; None without headlamps, and where those of a
+    named light have nothing to light.
 
     Its class is not known, so that the picture says how high it stands, and the file what covers it.
     """
     if exposure.headlamp == "off":
         return None
     if cut is None or config.lit.distance_m is None:
+        if not any(config.values(HEADLAMP.name)):
+            return None
         raise ValueError("headlamp: needs labels, by which targets are known; or distance_m with --object")
     ((left, top), (height, width)) = cut.layers[0].place_px, cut.layers[0].alpha.shape
     alpha = cut.layers[0].alpha.numpy().astype("float32")

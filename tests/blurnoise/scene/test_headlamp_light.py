@@ -227,3 +227,16 @@ def test_headlamps_need_some_other_light(lux):
 def test_a_beam_that_the_scene_has_no_plane_of_is_refused():
     with pytest.raises(ValueError, match=r"^headlamp = 'high': the scene has no headlamp_lux of this beam"):
         electrons(Scene(LIGHT, headlamp_lux={"low": SIGN}), headlamp="high")
+
+
+def test_the_plan_counts_light_on_layers():
+    """Of a lit sign before a dark background, which alone has no light of headlamps."""
+    alpha = (SIGN[0, 0] > 0).double()
+    sign = Layer(torch.ones(1, *SIZE).double(), alpha, headlamp_lux={"low": SIGN[0]})
+    planes = {"low": torch.zeros_like(SIGN)}
+    apart = Scene(torch.ones_like(LIGHT), layers=[sign], headlamp_lux=planes)
+    whole = Scene(torch.ones_like(LIGHT), headlamp_lux={"low": SIGN})
+    exposure = Exposure(CAMERA, 1e-3, 1.0, headlamp="low")
+    rows = [plan(exposure, scene).stages[0] for scene in (apart, whole)]
+    assert rows[0] == rows[1]
+    assert rows[0].kept

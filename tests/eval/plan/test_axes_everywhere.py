@@ -14,7 +14,7 @@ from blurnoise_eval.answers.curves import endurances, endurances_across
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.plan.axes import AXES, CORE, EGO, MOVES, NAMES, OWN_SPECTRUM, SETTING, VELOCITY
+from blurnoise_eval.plan.axes import AXES, CORE, EGO, HEADLAMP, MOVES, NAMES, OWN_SPECTRUM, SETTING, VELOCITY
 from blurnoise_eval.plan.axes import axis as axis_of
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.plan import SweepPlan
@@ -61,6 +61,8 @@ def grids(draw):
     if EGO.name in grid:  # whose camera moves all in its own way
         grid = {name: values for name, values in grid.items() if name not in (*VELOCITY, MOVES.name)}
         grid |= {name: [0.0] for name in VELOCITY if name in CORE}
+    if any(grid.get(HEADLAMP.name, ())):  # whose light is a multiple of that which is there
+        grid["illuminance_lux"] = [max(lux, 0.001) for lux in grid["illuminance_lux"]]
     longest_s = max(grid["exposure_s"])
     for name in VELOCITY:  # no farther than a picture may move during an exposure
         if name in grid:

@@ -6,10 +6,11 @@ from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.program.problem import inputs_of
-from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, mean_light
+from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, between_lights, mean_light
 from blurnoise_eval.run.evaluation import evaluate
 from signs_in_memory import CAMERA, TWO, matched_detector
 
+from blurnoise import photoelectrons
 from blurnoise.scene.metering import USUAL
 
 
@@ -116,3 +117,17 @@ def test_a_sweep_has_planes_for_its_lights_above_zero(tmp_path):
     # two exposures under two lights, at rest and moving, all at different places
     assert [len(plane.places) for plane in found.planes.values()] == [8] * len(found.planes)
     assert 0.05 < found.metering.mean_light < 0.9
+
+
+def test_named_lights_are_a_range_of_one_spectrum():
+    lights = between_lights("lit-street,street", "led-4000")
+    assert (lights[0], lights[-1]) == pytest.approx((1.0, 20.0))
+    with pytest.raises(ValueError, match="light = dusk: has D65; the run has led-4000"):
+        between_lights("street,dusk", "led-4000")
+
+
+def test_the_meter_counts_electrons_of_the_spectrum():
+    """At equal lux low-pressure sodium gives imx250 fewer electrons, so that the meter asks for more time."""
+    day, sodium = (Metering(CAMERA, 0.18, illuminant=name) for name in ("D55", "low-pressure-sodium"))
+    electrons = [photoelectrons(CAMERA, 1.0, 1.0, name) for name in ("D55", "low-pressure-sodium")]
+    assert sodium.total_s(100.0) / day.total_s(100.0) == pytest.approx(electrons[0] / electrons[1])

@@ -11,6 +11,7 @@ from blurnoise_eval import datasets, evaluate
 from blurnoise_eval.datasets import outlines
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.lit_targets import LitTargets
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.exposing import PictureScene, check_plan, frames
 from blurnoise_eval.run.headlit_scenes import HeadlitFacts
 from blurnoise_eval.run.run import Run
@@ -107,6 +108,18 @@ def test_headlamps_need_labels():
         check_plan(lit_plan(), CAMERA, unlabelled)
 
 
+def test_headlamps_of_a_named_light_do_without_labels(tmp_path):
+    unlabelled = picture_set(picture("a", labels=None))
+    made = SweepPlan.of({"light": "street", "exposure_ms": "10", "dx": "0"})
+    check_plan(made, CAMERA, unlabelled)
+    done = evaluate(
+        matched_detector(tmp_path), unlabelled, CAMERA, made, output=tmp_path / "run", strategy="grid"
+    )
+    lines = done.tables.manifest["light"]
+    assert lines[0].startswith("street: 1 lux (led-4000), low beam")
+    assert lines[-1] == "Without labels headlamps light nothing: no distance of a target is known."
+
+
 def test_facts_come_back_from_their_text():
     scene = PictureScene(sign(), lit_plan(), picture("a"))
     facts = scene.headlit.facts(scene.light.light, CAMERA)
@@ -139,7 +152,7 @@ def test_a_line_for_each_light_in_lux_and_candela(run):
     lines = run.tables.manifest["light"]
     heads = [line.split(". ")[0] for line in lines[:4]]
     assert heads == ["1 lux", "1 lux, low beam", "20 lux", "20 lux, low beam"]
-    assert "stop sign, median 50.0 m, 1." in lines[1]
+    assert "stop sign, median 50 m, 1." in lines[1]
     assert "by sheeting III), background" in lines[1]
     assert "if lit)" in lines[1]
     assert "1 of 3 targets have no known size and receive no headlight" in " ".join(lines)
@@ -208,7 +221,7 @@ def test_named_speeds_that_the_distance_contradicts_are_said(tmp_path):
     )
     (line,) = [line for line in done.tables.manifest["light"] if "px/s at" in line]
     focal_px = CAMERA.field.focal_px[0] * CAMERA.field.per_sensor_px((54, 64))
-    assert line.startswith("500 px/s at 50 km/h and 50.0 m means ")
+    assert line.startswith("500 px/s at 50 km/h and 50 m means ")
     assert float(line.split("means ")[1].split()[0]) == pytest.approx(
         500 * 50**2 / (focal_px * 50 / 3.6), rel=0.01
     )
@@ -241,6 +254,21 @@ def test_simulate_lights_its_object(tmp_path, capsys):
     bright = datasets.decode(tmp_path / "o.png").mean()
     simulated(tmp_path, capsys, *OBJECT)
     assert bright > datasets.decode(tmp_path / "o.png").mean() + 1
+
+
+def test_simulate_takes_a_named_light_without_an_object(tmp_path, capsys):
+    datasets.write_picture(tmp_path / "p.png", sign())
+    words = [
+        "simulate",
+        str(tmp_path / "p.png"),
+        "-o",
+        str(tmp_path / "o.png"),
+        "--light",
+        "street",
+        "--json",
+    ]
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["headlamps"].startswith("light nothing")
 
 
 @pytest.mark.parametrize(
