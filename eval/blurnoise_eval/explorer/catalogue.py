@@ -104,6 +104,7 @@ class Catalogue:
             "model": _models(self._run, model, timeout_s),
         }
         if GIVEN in self._entries["model"]:
+            # A model that cannot be opened is refused at the start, not when the page asks for it.
             self._model(GIVEN)
         chosen = {kind: next(iter(entries)) for kind, entries in self._entries.items()}
         for kind, name in (("model", model), ("camera", camera)):

@@ -76,6 +76,7 @@ class Subject:
     def small(self) -> PictureScene:
         """The picture with its light averaged over ``smaller`` x ``smaller`` px."""
         light = avg_pool2d(self.scene.light.light, self.smaller, ceil_mode=True, count_include_pad=False)
+        # 16 bits: with 8, the steps of dark tones would be visible beneath little noise.
         coded = srgb_from_linear(light)[0].clamp(0, 1).mul(65535).round().permute(1, 2, 0)
         return PictureScene(coded.contiguous().numpy().astype(np.uint16))
 

@@ -16,24 +16,24 @@ MAX_VALUE_CHARACTERS = 240
 
 def alarms(data: RunData) -> list[str]:
     """What makes the whole answer of a model doubtful."""
-    found = []
+    lines = []
     if missing := data.manifest["missing_cells"]:
-        found.append(
+        lines.append(
             f"The run is not finished: {counted(missing, 'cell')} missing. "
             "Repeat the command of the sweep to compute the rest."
         )
     for model in data.manifest["models"]:
         name = model["name"]
         if count := model.get("non_finite_values"):
-            found.append(f"{name}: {count} output values were NaN or infinite.")
-        found += [f"{name}: {suspicion}" for suspicion in model.get("suspicions", [])]
+            lines.append(f"{name}: {count} output values were NaN or infinite.")
+        lines += [f"{name}: {suspicion}" for suspicion in model.get("suspicions", [])]
     if same := data.manifest.get("repeated"):
-        found.append(same)
+        lines.append(same)
     failed = (
         f"{row['model']}: {counted(row['cells'], 'cell')} failed: {row['error']}"
         for row in data.manifest["errors"]
     )
-    return found + _first(failed, "further kinds of error; see results.csv")
+    return lines + _first(failed, "further kinds of error; see results.csv")
 
 
 def _first(lines: Iterable[str], more: str) -> list[str]:
@@ -65,13 +65,14 @@ def assumptions(data: RunData) -> list[str]:
         )
     }
     parts = [(model["name"], model["contract"], set[str]()) for model in data.manifest["models"]]
-    found = []
+    lines = []
     for part, fields, given in [*parts, (camera.get("name", "camera"), camera, swept_over)]:
+        # What the sweep varied was not assumed, whatever the source of the camera's own figure says.
         names = [name for name, _, _, assumed in sourced(fields) if assumed and name not in given]
         if names:
-            found.append(f"{part}: assumed {', '.join(names).replace('_', ' ')}")
+            lines.append(f"{part}: assumed {', '.join(names).replace('_', ' ')}")
     light = None if data.manifest.get("grey_anchor") else reflectance(data)
-    return found + [f"pictures: {light}"] * bool(light)
+    return lines + [f"pictures: {light}"] * bool(light)
 
 
 def reflectance(data: RunData) -> str | None:

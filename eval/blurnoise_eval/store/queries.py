@@ -165,6 +165,7 @@ def non_finite_values(store: Store) -> dict[str, int]:
 
 def errors(store: Store) -> list[dict[str, Any]]:
     """The errors of models with their numbers of cells, the most frequent first."""
+    # NOT INDEXED: all rows are read anyway, which is faster in the order of the file.
     query = "SELECT model, error, COUNT(*) AS cells FROM cells NOT INDEXED WHERE error IS NOT NULL"
     rows = store.rows(f"{query} GROUP BY model, error ORDER BY cells DESC")
     return [{"model": model, "error": error, "cells": count} for model, error, count in rows]
@@ -173,6 +174,7 @@ def errors(store: Store) -> list[dict[str, Any]]:
 def median_simulate_ms(store: Store) -> float | None:
     """Median time of the exposed cells; None without any."""
     query = "SELECT simulate_ms FROM cells NOT INDEXED WHERE clean = 0 AND simulate_ms IS NOT NULL"
+    # SQLite has no median.
     times_ms = sorted(_values(store, query))
     return float(times_ms[len(times_ms) // 2]) if times_ms else None
 
@@ -281,6 +283,7 @@ def _as_text(table: str, column: TableColumn) -> str:
         return f"CASE {value} {places} ELSE {numbered if axis.prefix else 'NULL'} END"
     if name == "clean":
         return f"CASE WHEN {value} THEN 'True' ELSE 'False' END"
+    # 9e999 is SQLite's infinity, which stands for what the camera sets.
     return f"CASE WHEN {value} = 9e999 THEN 'auto' ELSE {value} END" if column.kind == "REAL" else value
 
 
@@ -359,6 +362,7 @@ def _read(store: Store, model: str) -> TargetColumns:
     of_names: list[dict[Any, int]] = [conditions, pictures, groups]
     named = [_sorted(*each) for each in zip(of_names, codes, strict=False)]
     columns = [*(ranks for _, ranks in named), *codes[3:], *table[:, 5:].T]
+    # By condition, picture, repeat and target: rows come in the order in which threads have finished.
     order = np.lexsort((columns[4], columns[3], columns[1], columns[0]))
     tested, *others = (names for names, _ in named)
     every: list[Any] = [list(map(AxisValues, tested)), *others, *(column[order] for column in columns)]
