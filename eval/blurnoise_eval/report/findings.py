@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from blurnoise_eval.plan.axes import AXES
+from blurnoise_eval.plan.axes import AXES, LIGHT
 from blurnoise_eval.plan.conditions import reflectance_text
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
@@ -112,6 +113,12 @@ def versions(manifest: Mapping[str, Any]) -> dict[str, str]:
     return facts | {f"{key} {name}": version for key, own in every.items() for name, version in own.items()}
 
 
+def white_luminances(data: RunData) -> list[str]:
+    """Of a matt surface that reflects all light, E / pi, beside every lux of the run, without headlamps."""
+    every = sorted({row.conditions.illuminance_lux for row in data.exposed_scores})
+    return [f"{lux / math.pi:.3g} cd/m2 at {LIGHT.text(lux)}" for lux in every]
+
+
 def model_facts(model: Mapping[str, Any]) -> dict[str, str]:
     """Name, kind, file and hash of a model."""
     return {key: model[key] for key in ("name", "kind", "file", "sha256") if key in model}
@@ -139,6 +146,7 @@ def run_facts(data: RunData) -> dict[str, str]:
         "pictures": {name: value for name, value in manifest["images"].items() if name != "notes"},
         "cells, of all models": manifest["n_cells"],
         "held": data.settings.held or None,
+        "luminance of a white surface": white_luminances(data) or None,
         "wall time, s": manifest.get("wall_s"),
         "simulation per picture, ms (median)": manifest["simulate_ms"],
     }
