@@ -80,7 +80,8 @@ def reflectance(data: RunData) -> str | None:
     """How the light of a photograph becomes reflectance; None for rendered pictures, which are reflectance."""
     anchor = data.manifest.get("grey_anchor")
     rendered = data.manifest["images"]["kind"] == "rendered"
-    return None if rendered and anchor is None else reflectance_text(anchor, "--grey-anchor")
+    spread_ev = data.manifest.get("light_spread_ev")
+    return None if rendered and anchor is None else reflectance_text(anchor, "--grey-anchor", spread_ev)
 
 
 def sourced(fields: Mapping[str, Any]) -> list[tuple[str, str, str, bool]]:
