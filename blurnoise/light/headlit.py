@@ -71,9 +71,10 @@ class Outline(NamedTuple):
 class Standing(NamedTuple):
     """Where a target stands: m right of the vehicle's axis, ahead, and up in a row y: base_m + (foot_px - y) row_m.
 
+    wall_row_m: a row of what else stands at its distance, which differs where that does not follow from its size.
     measured_m: its distance by its size, before it is limited.
 
-    >>> at = Standing(3.0, 50.0, base_m=1.8, foot_px=360.0, row_m=0.05, measured_m=50.0)
+    >>> at = Standing(3.0, 50.0, base_m=1.8, foot_px=360.0, row_m=0.05, wall_row_m=0.05, measured_m=50.0)
     >>> at.up_m(np.array([360.0, 350.0, 500.0])).tolist()
     [1.8, 2.3, 0.0]
     """
@@ -83,6 +84,7 @@ class Standing(NamedTuple):
     base_m: float
     foot_px: float
     row_m: float
+    wall_row_m: float
     measured_m: float
 
     def up_m(self, rows_px: Floats) -> Floats:
@@ -161,8 +163,8 @@ class RoadView:
         elif of.height_m is None:
             wide = of.width_m, max(across, down / _FLATTEST)
         by_size = min(length / slope for length, slope in (wide, high) if length is not None and slope > 0)
-        measured = by_size if self.distance_m is None else self.distance_m
-        depth = min(max(measured, NEAREST_M if self.distance_m is None else measured), FARTHEST_M)
+        limited_m = min(max(by_size, NEAREST_M), FARTHEST_M)
+        depth = limited_m if self.distance_m is None else self.distance_m
         towards = np.array([seen[0, 0], seen[1, 0], 1.0])
         down_axis, ahead_axis = self.vehicle.down, self.vehicle.ahead
         right_axis = np.cross(down_axis, ahead_axis)
@@ -177,7 +179,7 @@ class RoadView:
                 depth * row_slope,
             )
         right = depth * float(towards @ right_axis)
-        return Standing(right, ahead, base, float(foot), float(row_m), measured)
+        return Standing(right, ahead, base, float(foot), float(row_m), float(depth * row_slope), by_size)
 
 
 @dataclass(frozen=True)
@@ -189,7 +191,8 @@ class HeadlitTarget:
     may be nearer than its size says.
 
     >>> outline = Outline("stop sign", (600.0, 352.0, 617.0, 369.0))
-    >>> at = Standing(3.0, 50.0, base_m=1.819, foot_px=369.0, row_m=0.762 / 17, measured_m=50.0)
+    >>> row_m = 0.762 / 17
+    >>> at = Standing(3.0, 50.0, 1.819, foot_px=369.0, row_m=row_m, wall_row_m=row_m, measured_m=50.0)
     >>> sign = HeadlitTarget(outline, at, Headlamps("low"), sheeting_of("III"), 1.5, 0.341, False, False)
     >>> round(sign.illuminance_lux, 4), round(sign.luminance_cd_m2, 3), round(sign.observation_deg, 2)
     (0.1443, 2.178, 1.19)
@@ -368,10 +371,7 @@ def _wall(
     some = np.unique(np.append(np.arange(0, size[1], _EVERY_PX), size[1] - 1))
     across = view.directions(np.stack([some + 0.5, np.full(len(some), size[0] / 2)]), size)[0]
     right = np.clip(np.nan_to_num(across * at.ahead_m), -FARTHEST_M, FARTHEST_M)
-    scaled = (
-        at.row_m * at.ahead_m / max(at.measured_m, 1e-9)
-    )  # rows of the wall, not of what is limited to 8 m
-    up = at._replace(row_m=scaled).up_m(np.arange(size[0], dtype=np.float64) + 0.5)
+    up = at._replace(row_m=at.wall_row_m).up_m(np.arange(size[0], dtype=np.float64) + 0.5)
     lit = lamps.onto(right[None], up[:, None], at.ahead_m, None, view.vehicle.height_m).illuminance_lux
     columns = np.arange(size[1])
     after = np.searchsorted(some, columns).clip(1, max(1, len(some) - 1))

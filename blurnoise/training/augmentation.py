@@ -29,6 +29,7 @@ from blurnoise.camera.colour import PictureTone, picture_tone
 from blurnoise.light import effects
 from blurnoise.scene.cutting import checked_masks
 from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.metering import GreyAnchor
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.training.labels import (
     boxes_after,
@@ -48,7 +49,7 @@ _FAR = [[False, False], [True, False], [True, True], [False, True]]
 class OverConditions:
     """Shared by the augmentations of all libraries: where exposures are drawn from, and pictures and labels by them.
 
-    ranges: ranges or a table. flags: encoding, fidelity and grow_boxes.
+    ranges: ranges or a table. flags: encoding, grey_anchor, fidelity and grow_boxes.
 
     >>> expose = RandomExposure("imx250", exposure_s=0.01, illuminance_lux=50.0)
     >>> isinstance(expose, OverConditions), expose.flags["encoding"]
@@ -64,14 +65,15 @@ class OverConditions:
         *,
         table: ExposureTable | None = None,
         encoding: PictureTone | None = None,
+        grey_anchor: str | None = None,
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
         **ranges: Any,
     ) -> None:
         """Check and keep the arguments that all augmentations have.
 
-        ranges: fields of :class:`ExposureRanges`. table: in place of camera and ranges. encoding: of the pictures; by
-        default that of the table, or "srgb".
+        ranges: fields of :class:`ExposureRanges`. table: in place of camera and ranges. encoding, grey_anchor: of the
+        pictures; by default those of the table, or "srgb" and None.
         """
         known = [field.name for field in fields(ExposureRanges) if field.name != "camera"]
         if unknown := sorted(ranges.keys() - set(known)):
@@ -83,9 +85,11 @@ class OverConditions:
             for name, value in ranges.items():
                 raise TypeError(f"{name} = {shown(value)}: is part of the table; must not be given")
         self.ranges = ExposureRanges(**ranges) if table is None else table
-        usual = "srgb" if table is None else table.encoding
+        usual, own = ("srgb", None) if table is None else (table.encoding, table.grey_anchor)
+        anchor = own if grey_anchor is None else grey_anchor
         self.flags = {
             "encoding": picture_tone(usual if encoding is None else encoding),
+            "grey_anchor": None if anchor is None else str(GreyAnchor.parse(anchor)),
             "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
             "grow_boxes": grow_boxes,
         }
@@ -97,8 +101,8 @@ class OverConditions:
         The conditions are the sweep's cameras, exposures, lights, speeds, gains and ``moves``, as
         :class:`blurnoise.training.table.ExposureTable` reads and interpolates them. run: the sweep's folder, or
         ``blurnoise_eval.system.urls.location(URL)``. direction_deg: of the motion; None: as in the run. options: the
-        options of the class that are not ranges; encoding is by default that of the run. Raises ``TypeError`` or
-        ``ValueError`` naming the argument, ``OSError`` for a file that cannot be read.
+        options of the class that are not ranges; encoding and grey_anchor are by default those of the run. Raises
+        ``TypeError`` or ``ValueError`` naming the argument, ``OSError`` for a file that cannot be read.
         """
         options["table"] = ExposureTable.of_run(run, direction_deg=direction_deg)
         return cls(**options)
@@ -120,6 +124,7 @@ class OverConditions:
             headlamp_lux=dict.fromkeys({*beams} - {"off"}, params["headlamp_lux"][items]) if lit else {},
             lamp_lights=self.ranges.lamp_lights,
             encoding=self.flags["encoding"],
+            grey_anchor=self.flags["grey_anchor"],
             fidelity=self.flags["fidelity"],
         )
 
@@ -137,10 +142,12 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
     """Take each picture with a camera under random conditions: :func:`expose_pictures` as a Kornia augmentation.
 
     options: the ranges of :class:`ExposureRanges`, drawn anew for each picture, or table, an :class:`ExposureTable`
-    in place of camera and ranges; encoding, fidelity, grow_boxes. Cameras may have several captures (HDR), and lamps
-    may be pulsed.
+    in place of camera and ranges; encoding, grey_anchor, fidelity, grow_boxes. Cameras may have several captures
+    (HDR), and lamps may be pulsed.
     encoding: the pictures' tone curve, see :func:`blurnoise.simulate`; the result has the camera's tone curve, or is
-    linear if encoding is "linear". fidelity: see :func:`blurnoise.simulate`.
+    linear if encoding is "linear". grey_anchor: the part of each picture that reflects 18 %, such as "mean"; by
+    default brightness is reflectance, so a photograph that is darker by 1 EV gets half of the light. fidelity: see
+    :func:`blurnoise.simulate`.
     grow_boxes: grow boxes to the swept boxes, by half the displacement to each side, at most to the picture's last
     pixel (Kornia's boxes include it). Boxes, masks and keypoints are as at mid-exposure
     (:mod:`blurnoise.training.labels`).

@@ -8,7 +8,7 @@ gain, pictures of little light are dark.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
@@ -25,7 +25,7 @@ from blurnoise.motion.ego import USUAL_VEHICLE
 from blurnoise.picture.develop import in_channels
 from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
 from blurnoise.scene.exposure import Exposure
-from blurnoise.scene.metering import AutoExposure, mean_luma
+from blurnoise.scene.metering import AutoExposure, anchored, mean_luma
 from blurnoise.scene.scene import Scene, extremes, scene_reflectance
 from blurnoise.scene.take import TakeOptions, take
 from blurnoise.sensor.readout import Fidelity
@@ -44,6 +44,7 @@ def expose_pictures(
     masks: Tensor | None = None,
     lamp_lights: Lights = "all",
     encoding: PictureTone = "srgb",
+    grey_anchor: str | None = None,
     fidelity: Fidelity = "auto",
     headlamp_lux: BeamPlanes = MappingProxyType({}),
 ) -> Tensor:
@@ -56,9 +57,10 @@ def expose_pictures(
     exposure's ``moves`` is the part that moves, and the background behind the targets is filled in from the pixels
     around them. Pictures without masks move as a whole, and so do pictures that the masks cover entirely.
 
-    lamp_lights: the exposure's pulsed lamp lights "all", or the "targets" of pictures with masks. encoding, fidelity:
-    see :func:`blurnoise.simulate`. headlamp_lux: for each beam what headlamps add to the light on each pixel, lux,
-    (B, 1, H, W), or (1, 1, H, W) for all pictures; the exposure's ``headlamp`` says which beam is on.
+    lamp_lights: the exposure's pulsed lamp lights "all", or the "targets" of pictures with masks. encoding,
+    grey_anchor, fidelity: see :func:`blurnoise.simulate`; a black picture stays black, whatever its anchor.
+    headlamp_lux: for each beam what headlamps add to the light on each pixel, lux, (B, 1, H, W), or (1, 1, H, W) for
+    all pictures; the exposure's ``headlamp`` says which beam is on.
 
     Returns pictures in [0, 1] of image's shape and dtype, coded by the camera's tone curve, or linear if image is
     linear. Picture i depends on its own exposure alone. Gradients reach the image. Raises ``TypeError`` or
@@ -84,7 +86,7 @@ def expose_pictures(
     for one in exposures:
         if one.headlamp != "off" and one.headlamp not in planes:
             raise ValueError(f"headlamp = {one.headlamp!r}: needs headlamp_lux[{one.headlamp!r}]")
-    exposures = _metered(exposures, scene, encoding, planes)
+    exposures = _metered(exposures, lambda: _reflectance(scene.detach(), encoding, grey_anchor), planes)
     lit_by_lamp = None
     if lamp_lights == "targets" and masks is not None and masks.shape[1]:
         lit_by_lamp = masks.amax(1).float()
@@ -98,7 +100,7 @@ def expose_pictures(
             continue
         matte = matte_of(masks[item])
         if matte is not None:
-            light = scene_reflectance(scene[item : item + 1], encoding)
+            light = _reflectance(scene[item : item + 1], encoding, grey_anchor)
             of_targets = scene.new_tensor(one.velocity_px_s if one.moves == "targets" else (0.0, 0.0))
             lit = {beam: plane[item : item + 1] for beam, plane in planes.items() if beam == one.headlamp}
             cuts[item] = in_motion(light, matte, of_targets, one.exposure_s, lit)
@@ -108,7 +110,9 @@ def expose_pictures(
         of: Any = slice(None) if len(items) == batch else items  # a slice makes no copy
         cut = [cuts[item] for item in items if item in cuts]
         light = (
-            torch.cat([each.background for each in cut]) if cut else scene_reflectance(scene[of], encoding)
+            torch.cat([each.background for each in cut])
+            if cut
+            else _reflectance(scene[of], encoding, grey_anchor)
         )
         beam = exposures[items[0]].headlamp
         lit = {} if beam == "off" else {beam: planes[beam][of]}
@@ -187,13 +191,21 @@ def _together(exposures: Sequence[Exposure], like: Tensor, *, cut: bool, lamps: 
     )
 
 
+def _reflectance(scene: Tensor, encoding: PictureTone, grey_anchor: str | None) -> Tensor:
+    """Pictures as reflectance, each with its anchor at 18 %; one without light, as a mosaic may leave, stays so."""
+    light = scene_reflectance(scene, encoding)
+    if grey_anchor is None:
+        return light
+    return torch.cat([anchored(one, grey_anchor) if one.any() else one for one in torch.split(light, 1)])
+
+
 def _metered(
-    exposures: list[Exposure], scene: Tensor, encoding: PictureTone, planes: BeamPlanes
+    exposures: list[Exposure], reflectance: Callable[[], Tensor], planes: BeamPlanes
 ) -> list[Exposure]:
     """The exposures with the gains that their auto-exposures set for the mean light of each picture."""
     if not any(isinstance(one.gain_db, AutoExposure) for one in exposures):
         return exposures
-    light = scene_reflectance(scene.detach(), encoding)
+    light = reflectance()
     means: dict[Any, list[float]] = {}
 
     def mean_light(item: int, one: Exposure, beam: str) -> float:

@@ -28,7 +28,7 @@ from blurnoise.camera import Camera
 from blurnoise.camera.colour import PictureTone, picture_tone
 from blurnoise.camera.spectra import check_illuminant
 from blurnoise.scene.exposure import MOVES, Moves
-from blurnoise.scene.metering import USUAL, AutoExposure
+from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor
 from blurnoise.training.ranges import bounds, chosen, warn_of_milliseconds
 from blurnoise.training.source import (
     BEAMS_OF,
@@ -47,7 +47,7 @@ _MOST_SATURATED = 0.1  # mean share of values at a limit of the sensor with whic
 _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
 # A divisor in place of 0.
 _TINY = 1e-30
-_NOT_DRAWN = ("trajectory", "ego", "speeds", "grey_anchor", "lamps", "hdr_white")
+_NOT_DRAWN = ("trajectory", "ego", "speeds", "lamps", "hdr_white")
 """Settings of a sweep that training does not have."""
 
 
@@ -78,8 +78,8 @@ class ExposureTable(ExposureSource):
     """A table of equally likely conditions, and the cameras that its rows name by number.
 
     gain_db: the auto-exposure for rows without a gain. direction_deg: range to draw the direction from; None: the
-    direction of each row. encoding: the tone curve of the pictures. Raises ``ValueError`` for an empty table and for
-    a row outside the limits.
+    direction of each row. encoding, grey_anchor: of the pictures. Raises ``ValueError`` for an empty table and for a
+    row outside the limits.
 
     >>> table = ExposureTable.of_grid("imx250c", exposure_s=[0.002, 0.01], illuminance_lux=[5.0, 50.0])
     >>> len(table.rows), table.draws
@@ -91,6 +91,7 @@ class ExposureTable(ExposureSource):
     gain_db: Gain = USUAL
     direction_deg: Range | None = None
     encoding: PictureTone = "srgb"
+    grey_anchor: str | None = None
 
     def __post_init__(self) -> None:
         vars(self).update(camera=cameras_of(self.camera), rows=tuple(self.rows))
@@ -106,6 +107,8 @@ class ExposureTable(ExposureSource):
             integer("camera", row.camera, 0, len(self.cameras) - 1)
             if row.gain_db is not None:
                 self.cameras[row.camera].at_gain(row.gain_db)
+        if self.grey_anchor is not None:
+            GreyAnchor.parse(self.grey_anchor)
         if self.direction_deg is not None:
             vars(self).update(direction_deg=bounds("direction_deg", self.direction_deg))
 
@@ -133,7 +136,8 @@ class ExposureTable(ExposureSource):
                 cameras = tuple(Camera.from_dict(camera) for camera in document["cameras"])
                 auto = AutoExposure(**document["auto_exposure"]) if document.get("auto_exposure") else USUAL
                 tone = picture_tone(document.get("picture_tone") or "srgb", "picture_tone")
-                return cls(cameras, tuple(_used(document["conditions"])), auto, direction_deg, tone)
+                rows, anchor = tuple(_used(document["conditions"])), document.get("grey_anchor")
+                return cls(cameras, rows, auto, direction_deg, tone, anchor)
         except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
             raise ValueError(f"run = {str(path)!r}: is no table of conditions ({error})") from None
         raise ValueError(f"run = {str(run)!r}: has {refused[0]}; not supported in training")

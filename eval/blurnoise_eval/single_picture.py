@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from blurnoise.camera import Camera
@@ -9,6 +10,7 @@ from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import Image, Picture
 from blurnoise_eval.plan.axes import axis
 from blurnoise_eval.plan.conditions import Cell, Conditions
+from blurnoise_eval.plan.plan import usual_plan
 from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 
 if TYPE_CHECKING:
@@ -21,16 +23,17 @@ def expose(
     *,
     seed: int = 0,
     run: Run | None = None,
+    grey_anchor: str | None = None,
     **conditions: float | str,
 ) -> Frame:
     """Take a picture as a sweep does: its ``image`` is (H, W, 3), uint8, RGB.
 
     picture: (H, W, 3), uint8 or uint16, RGB, or one of :mod:`blurnoise_eval.datasets`, whose targets can move.
     camera: a preset's name, a file, or a camera. seed: of the noise. run: with this run's grey anchor, tone curve,
-    trajectory and vehicle; picture then is ``run.picture(NAME)``. conditions: by the names of the axes
-    (:data:`blurnoise_eval.AXES`) and in their units, such as ``exposure_s=0.01, illuminance_lux=50.0,
-    gain_db="auto"``; what is left out is the camera's own, and without motion. Raises ``ValueError`` that names the
-    condition.
+    trajectory and vehicle; picture then is ``run.picture(NAME)``. grey_anchor: the part of any other picture that
+    reflects 18 %; None: brightness is reflectance. conditions: by the names of the axes (:data:`blurnoise_eval.AXES`)
+    and in their units, such as ``exposure_s=0.01, illuminance_lux=50.0, gain_db="auto"``; what is left out is the
+    camera's own, and without motion. Raises ``ValueError`` that names the condition.
 
     >>> import numpy as np
     >>> from blurnoise_eval import expose
@@ -45,7 +48,12 @@ def expose(
     if run is not None:
         if not isinstance(picture, Picture):
             raise TypeError("picture: must be a picture of the run, run.picture(NAME)")
+        if grey_anchor is not None:
+            raise ValueError(
+                f"grey_anchor = {grey_anchor!r}: is that of the run's plan; must not be given beside run"
+            )
         return run.expose(run.scene(picture), cell, by)
     of = picture if isinstance(picture, Picture) else None
     image = picture.load() if isinstance(picture, Picture) else picture
-    return next(frames(PictureScene(image, picture=of), [cell], by))
+    plan = replace(usual_plan(), grey_anchor=grey_anchor)
+    return next(frames(PictureScene(image, plan, of), [cell], by))

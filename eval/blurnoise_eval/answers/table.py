@@ -118,12 +118,14 @@ class ScoreTable:
         """(N,) of the mean over clusters; NaN of fewer than two."""
         if len(self.clusters) < 2:
             return np.full(len(self), np.nan)
+        # Leave-one-out influences are scaled so that their spread over the root of n is the error of the mean.
         n = np.isfinite(self.influence).sum(axis=0)
         return np.asarray(np.nanstd(self.influence, axis=0, ddof=1) / np.sqrt(n))
 
     @property
     def most(self) -> float:
         """The greatest value of the mean: all of the score, by what was kept."""
+        # Of a share of the clean score it is more than 1: all of the score where the original pictures have less.
         return 1 / self.clean if self.kept and self.clean else 1.0
 
     @property
@@ -141,9 +143,9 @@ class ScoreTable:
         least = FOUND_SCORE if self.reference < 1 else LEAST_KNOWN
         return self.kept and (self.clean or 0.0) < least
 
-    def at(self, place: int) -> dict[str, float]:
+    def at(self, index: int) -> dict[str, float]:
         """The values of one condition, by axis."""
-        return {name: float(self.conditions[name][place]) for name in NAMES}
+        return {name: float(self.conditions[name][index]) for name in NAMES}
 
     def take(self, of: ArrayLike) -> ScoreTable:
         """Some of its conditions, by places or flags (N,)."""
@@ -201,6 +203,7 @@ class ScoreTable:
         if self.prediction_cov is not None:
             weights = np.zeros((len(order), len(starts)))
             weights[order, np.repeat(np.arange(len(starts)), number)] = self.counts.sum(axis=0)[order]
+            # A mean of predictions, weighted as the means above are by what they count: its covariance is W' C W.
             weights /= weights.sum(axis=0)
             every = weights.T @ self.prediction_cov(np.arange(len(order))) @ weights
             cov = lambda places: every[np.ix_(places, places)]  # noqa: E731
@@ -231,8 +234,8 @@ class ScoreTable:
     @property
     def direction(self) -> plane.Direction:
         """Of the first condition that moves, as :func:`~.plane.direction_of` has it."""
-        found = (plane.direction_of(velocity) for velocity in self.velocities_px_s)
-        return next((each for each in found if each is not None), plane.AT_REST)
+        directions = (plane.direction_of(velocity) for velocity in self.velocities_px_s)
+        return next((each for each in directions if each is not None), plane.AT_REST)
 
 
 def same_rows(columns: Sequence[Array], count: int) -> Places:
@@ -240,6 +243,7 @@ def same_rows(columns: Sequence[Array], count: int) -> Places:
     which = np.zeros(count, np.int64)
     for column in columns:
         values, place = np.unique(column, return_inverse=True)
+        # One number for both columns; numbered anew at once, as the product would overflow with many columns.
         which = np.unique(which * len(values) + place.ravel(), return_inverse=True)[1].ravel()
     return which
 
@@ -273,6 +277,7 @@ def table_of(
     of_used = same_rows([conditions[name][used] for name in ORDER], len(used))
     first, condition = np.unique(of_used, return_index=True)[1], of_used[place]
     shape = len(clusters), len(first)
+    # One number for cluster and condition, so that a single bincount sums all of them: runs have millions of rows.
     cell = np.array([clusters[name] for name in names])[picture] * shape[1] + condition
 
     def total(of: Array) -> Array:
@@ -283,6 +288,7 @@ def table_of(
         return ratio_of_sums(np.bincount(condition, np.nan_to_num(of), shape[1])[None], known[None])
 
     target = picture * (1 + int(rows.target_id.max())) + rows.target_id
+    # Each target once, however many conditions it was tested under.
     known = clean[np.unique(target, return_index=True)[1]]
     known = known[~np.isnan(known)]
     return ScoreTable(
@@ -310,8 +316,10 @@ def tables_by_size(scored: Sequence[Scored], kept: bool) -> Iterator[ScoreTable]
     for model, size in product(dict.fromkeys(each.row.model for each in scored), SIZES):
         original, *exposed = (each for each in scored if each.row.model == model)
         clean, n_targets = original.sizes[size], original.n_targets[size]
-        found = [(each.row, ratio(each.sizes[size], clean) if kept else each.sizes[size]) for each in exposed]
-        known = [(row, each) for row, each in found if each.influence is not None]
+        valued = [
+            (each.row, ratio(each.sizes[size], clean) if kept else each.sizes[size]) for each in exposed
+        ]
+        known = [(row, each) for row, each in valued if each.influence is not None]
         if clean.value is None or not n_targets or not known:
             continue
         columns = {name: np.array([row.conditions[name] for row, _ in known], float) for name in ORDER}

@@ -117,6 +117,7 @@ class Result:
             with_errors = rows[0].error is not None
             for row in rows:
                 number = names.index(row.contender)
+                # A logarithmic axis has no 0.
                 place = -number if row.error is None else max(row.error, 1e-6)
                 axes.plot([row.low, row.high], [place, place], color=f"C{number}", lw=1.2, zorder=2)
                 axes.plot(row.time, place, zorder=4 if row.ours else 3, **_look(number))
@@ -156,6 +157,7 @@ def run(
 
 
 def _rows(case: Case, seconds: float, progress: Progress) -> list[ContestRow]:
+    # The first call, which may compile or fill caches, gives the result and is not timed.
     results = {each.name: each.call() for each in case.contenders}
     times_ms = in_turns_ms({each.name: each.call for each in case.contenders}, seconds, progress)
     first_ms = float(np.median(times_ms[case.contenders[0].name]))

@@ -119,6 +119,7 @@ def cameras_fit(
     of_frames |= {"bit_depth": bit_depth} if libcamera is None else {}
     if folder is None:
         inputs.refuse_unused(of_frames, "a folder of frames")
+    # Tuning files and tone curves are those of colour cameras as a rule.
     base = base or ("imx250" if folder or dng else "imx250c")
     if libcamera and libcamera.stem in PRESETS:
         base = libcamera.stem

@@ -54,6 +54,14 @@ def explore(
     camera: Annotated[
         str | None, Option(metavar="NAME|FILE", help="a preset or a camera file (default: as for a sweep)")
     ] = None,
+    grey_anchor: Annotated[
+        str | None,
+        Option(
+            metavar="mean|pNN|x0,y0,x1,y1",
+            help="part of the picture that reflects 18 %: its mean, a percentile, or a region in px (default: none; "
+            "brightness is used as reflectance)",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         Option(
@@ -85,11 +93,18 @@ def explore(
     from importlib.util import find_spec
 
     from blurnoise_eval.explorer.catalogue import Catalogue
+    from blurnoise_eval.plan.reading import anchor_of
 
     if output is None and None in map(find_spec, ("starlette", "uvicorn")):
         raise ValueError(_EXTRA)
     catalogue = Catalogue(
-        where, images=images, trust=trust, model=model, camera=camera, timeout_s=model_timeout_s
+        where,
+        images=images,
+        trust=trust,
+        model=model,
+        camera=camera,
+        grey_anchor=anchor_of(grey_anchor),
+        timeout_s=model_timeout_s,
     )
     state = catalogue.start(at, cell=cell)
     if output is not None:
@@ -107,12 +122,16 @@ def explore(
 
 def _write(catalogue: Catalogue, state: State, output: Path, as_json: bool) -> None:
     from blurnoise_eval.datasets import write_picture
+    from blurnoise_eval.explorer.state import GIVEN
     from blurnoise_eval.explorer.verdict import mean_confidence
+    from blurnoise_eval.plan.conditions import reflectance_text
 
     rendered = catalogue.render(state)
     write_picture(output, rendered.frame.image)
     facts: dict[str, Any] = {"output": str(output), "camera": rendered.exposure.camera.name}
     facts |= {name: value for name, (_, value, _) in rendered.numbers.items()}
+    if state.picture == GIVEN:
+        facts["reflectance"] = reflectance_text(catalogue.grey_anchor, "--grey-anchor")
     if rendered.scored is not None:
         counted = rendered.scored.counted
         facts["confidence"] = mean_confidence(counted) if counted.targets else None

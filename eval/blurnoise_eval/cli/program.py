@@ -5,7 +5,7 @@ from __future__ import annotations
 from blurnoise_eval.cli._options import Folder, RunRead, settings
 from blurnoise_eval.plan.files import ProgramFile
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.terminal import say, width
+from blurnoise_eval.system.terminal import say, say_wrapped, width
 
 
 @settings(
@@ -46,6 +46,7 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     from blurnoise_eval.program import scenario as of
     from blurnoise_eval.program.optimise import optimise
     from blurnoise_eval.program.problem import Problem, inputs_of
+    from blurnoise_eval.report.findings import reflectance
     from blurnoise_eval.run.run import Run
     from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
@@ -87,6 +88,7 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
         )
         advance(1)
         found = optimise(Problem(inputs, scenario, limits))
+        about_light = reflectance(opened.tables)
         advance(1)
     with output_folder(output) as folder:
         folder.path.mkdir(parents=True, exist_ok=True)
@@ -94,5 +96,7 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
         title = f"{inputs.model}, {camera.name}: {inputs.criterion.title}"
         written.append(report.draw(found, title, folder.path / "program.png"))
     say(*report.lines(found, width()))
+    if about_light:
+        say_wrapped(f"lux: {about_light}", hanging=2)
     say(*inputs.notes, error=True)
     say("", f"wrote {', '.join(path.name for path in written)} in {output}")

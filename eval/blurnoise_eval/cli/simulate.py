@@ -80,6 +80,8 @@ def simulate(
         suffix = "" if number == 1 else f"_{number}"
         write_picture(output.with_name(f"{output.stem}{suffix}{output.suffix}"), picture)
     facts = {"output": str(output), **figures(scene, exposure, frames.raw[0], cut)}
+    if config.light:
+        facts["light"] = str(config.light[0])
     if headlit is not None:
         facts |= headlit_figures(headlit, exposure)
     elif config.beams:

@@ -67,6 +67,7 @@ def validate(
     """
     of_frames = {"camera": camera, "raw_layout": raw_layout, "cfa": cfa, "seed": seed}
     levels = {"black_level": black_level, "full_scale": full_scale}
+    # Two commands share a name: options of the other one are refused rather than ignored.
     of_pictures = {"coding": None if coding == "auto" else coding, **levels}
     if simulated is None:
         if real.is_file():

@@ -83,10 +83,10 @@ class Part:
     @classmethod
     def parse(cls, text: str) -> Part:
         """Of "1/4". Raises ``ValueError`` for anything else."""
-        found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
-        if not found or not 1 <= int(found[1]) <= int(found[2]):
+        match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+        if not match or not 1 <= int(match[1]) <= int(match[2]):
             raise ValueError(f"part = {text!r}: must be K/N with 1 <= K <= N, such as 1/4")
-        return cls(int(found[1]), int(found[2]))
+        return cls(int(match[1]), int(match[2]))
 
     def __str__(self) -> str:
         return f"{self.number}/{self.count}"

@@ -58,7 +58,8 @@ class Catalogue:
 
     where: a picture's file, or a run's folder or file; None: rendered stop signs. images, trust: see
     :meth:`~blurnoise_eval.run.run.Run.open`. model, camera: a file, a name in the catalogue, or None for the usual
-    one. timeout_s: of a model's first answer.
+    one. grey_anchor: the part of photographs that reflects 18 %; None: brightness is reflectance. timeout_s: of a
+    model's first answer.
 
     base: the state that queries are relative to. Raises ``ValueError`` or ``OSError`` for what cannot be opened.
     """
@@ -71,10 +72,12 @@ class Catalogue:
         trust: bool = False,
         model: str | Path | None = None,
         camera: str | Path | None = None,
+        grey_anchor: str | None = None,
         timeout_s: float = TIMEOUT_S,
     ) -> None:
         path = None if where is None else Path(where)
-        options = {"--images": images, "--model": model, "--camera": camera}
+        options = {"--images": images, "--model": model, "--camera": camera, "--grey-anchor": grey_anchor}
+        self.grey_anchor = grey_anchor
         self._words = ["blurnoise", "explore"] + ([] if path is None else [str(path)]) + ["--trust"] * trust
         for option, value in options.items():
             self._words += [] if value is None else [option, str(value)]
@@ -92,13 +95,16 @@ class Catalogue:
             self._run = _run_of_detectors(path if path.is_dir() else path.parent, images, trust=trust)
         elif images or trust:
             raise ValueError(f"{'images' if images else 'trust'}: needs a run")
+        if grey_anchor is not None and (self._run is not None or path is None):
+            raise ValueError(f"grey_anchor = {grey_anchor!r}: needs a picture; runs have that of their plan")
         self._tested = tested_values(self._run) if self._run else None
         self._entries = {
-            "picture": _pictures(self._run, path),
+            "picture": _pictures(self._run, path, grey_anchor),
             "camera": _cameras(self._run, camera),
             "model": _models(self._run, model, timeout_s),
         }
         if GIVEN in self._entries["model"]:
+            # A model that cannot be opened is refused at the start, not when the page asks for it.
             self._model(GIVEN)
         chosen = {kind: next(iter(entries)) for kind, entries in self._entries.items()}
         for kind, name in (("model", model), ("camera", camera)):
@@ -187,7 +193,9 @@ class Catalogue:
                 raise ValueError(str(error).replace(str(path), title)) from None
         name, entries = f"{_DROPPED}{next(self._numbers)}", self._entries["picture"]
         old = [known for known in entries if known.startswith(_DROPPED)][: 1 - _MOST_DROPPED]
-        new = Entry(title, lambda: Subject(Picture(title, None, lambda: image, name, 1)))
+        new = Entry(
+            title, lambda: Subject(Picture(title, None, lambda: image, name, 1), None, self.grey_anchor)
+        )
         rest = {known: entry for known, entry in entries.items() if known not in old}
         self._entries["picture"] = {**rest, name: new}
         return name
@@ -209,7 +217,7 @@ def tested_values(run: Run) -> dict[str, list[float]]:
     return {name: sorted(value for value in of if value is not None) for name, of in values.items()}
 
 
-def _pictures(run: Run | None, path: Path | None) -> dict[str, Entry]:
+def _pictures(run: Run | None, path: Path | None, grey_anchor: str | None) -> dict[str, Entry]:
     entries = dict[str, Entry]()
     if run is not None:
         for name in run.pictures:
@@ -218,7 +226,7 @@ def _pictures(run: Run | None, path: Path | None) -> dict[str, Entry]:
     elif path is not None:
         load = partial(read_picture, path, MOST_MEGAPIXELS)
         picture = Picture(path.name, None, load, str(path), 1)
-        entries[GIVEN] = Entry(path.name, partial(Subject, picture))
+        entries[GIVEN] = Entry(path.name, partial(Subject, picture, None, grey_anchor))
     for number, sign in enumerate(rendered_signs().pictures, 1):
         entries[f"sign-{number}"] = Entry(f"Stop signs, scene {number}", partial(Subject, sign))
     return entries

@@ -19,11 +19,15 @@ from blurnoise._core.rng import LAST_SEED
 from blurnoise.camera import Camera
 from blurnoise.camera.camera_files import FIGURES as FIGURES_OF_CAMERAS
 from blurnoise.camera.figures import CameraFigure
+from blurnoise.light.lights import lights_of
 from blurnoise_eval.plan.axes import (
     AUTOMATIC,
     AXES,
+    CHOICES,
     EGO,
     GAIN,
+    LIGHT,
+    LIT,
     MOVES,
     OWN_SPECTRUM,
     VELOCITY,
@@ -108,7 +112,7 @@ class State:
 
     @classmethod
     def of_query(cls, text: str, base: State) -> State:
-        """The state of a :meth:`query`, whose parts change ``base`` one after the other.
+        """The state of a :meth:`query`, whose parts change ``base`` one after the other; "light" names a light.
 
         Raises ``ValueError`` that names the part that is not allowed.
         """
@@ -117,6 +121,11 @@ class State:
             try:
                 if axis := QUANTITIES.get(name):
                     state = state.put(axis.name, None if part == OWN else value_of(axis, part))
+                elif name == "light":
+                    (light,) = lights_of([part])
+                    state = state.put(LIGHT.name, light.lux)
+                    for of_light in LIT:
+                        state = state.put(of_light, CHOICES[of_light].choice_index(getattr(light, of_light)))
                 elif name == "seed":
                     state = replace(state, seed=None if part == OWN else int(part))
                 elif name == "repeat":
@@ -124,7 +133,9 @@ class State:
                 elif name in _NAMES:
                     state = replace(state, **{name: part})  # type: ignore[arg-type]  # names are texts
                 else:
-                    raise ValueError(f"must be one of {', '.join((*_NAMES, *_NUMBERS, *QUANTITIES))}")
+                    raise ValueError(
+                        f"must be one of {', '.join((*_NAMES, 'light', *_NUMBERS, *QUANTITIES))}"
+                    )
             except ValueError as error:
                 raise ValueError(f"{name} = {part[:60]!r}: {error}") from None
         return state

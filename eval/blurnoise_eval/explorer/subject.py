@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any
 
@@ -29,6 +29,7 @@ from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.explorer.verdict import Point, Standard, mean_confidence
 from blurnoise_eval.plan.axes import EGO, EXPOSURE, HEADLAMP, MOVES, VELOCITY
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
+from blurnoise_eval.plan.plan import usual_plan
 from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
 from blurnoise_eval.run.exposing import Frame, PictureScene, frames, snr_db
 from blurnoise_eval.run.run import Run
@@ -48,15 +49,16 @@ _GREY = 0.18
 class Subject:
     """A picture as light, and the detections in the original. Any number of threads may use it.
 
-    run: the run that the picture is of, with whose settings it is exposed. Raises
+    run: the run that the picture is of, with whose settings it is exposed. grey_anchor: of a photograph. Raises
     :class:`~blurnoise_eval.datasets.UnreadablePicture` where it cannot be loaded.
     """
 
-    def __init__(self, picture: Picture, run: Run | None = None) -> None:
+    def __init__(self, picture: Picture, run: Run | None = None, grey_anchor: str | None = None) -> None:
         self._name, self._of_run = picture.name, run is not None
         criterion = run.criterion if run else _USUAL
         self._criterion = criterion if criterion.score == CONFIDENCE else _USUAL
-        self.scene = run.scene(picture) if run else PictureScene(picture.load(), picture=picture)
+        plan = replace(usual_plan(), grey_anchor=grey_anchor)
+        self.scene = run.scene(picture) if run else PictureScene(picture.load(), plan, picture)
         self.original = self.scene.image8
         self.size = self.original.shape[0], self.original.shape[1]
         self.smaller = math.ceil(math.sqrt(self.size[0] * self.size[1] / PREVIEW_PX))
@@ -74,6 +76,7 @@ class Subject:
     def small(self) -> PictureScene:
         """The picture with its light averaged over ``smaller`` x ``smaller`` px."""
         light = avg_pool2d(self.scene.light.light, self.smaller, ceil_mode=True, count_include_pad=False)
+        # 16 bits: with 8, the steps of dark tones would be visible beneath little noise.
         coded = srgb_from_linear(light)[0].clamp(0, 1).mul(65535).round().permute(1, 2, 0)
         return PictureScene(coded.contiguous().numpy().astype(np.uint16))
 

@@ -19,6 +19,7 @@ from blurnoise_eval.measure.linear import LinearPicture
 from blurnoise_eval.system.tables import finite
 
 LARGEST_TARGET_PX = 64
+# Of the bootstrap: five of them lie beyond each end of a 95 % interval.
 RESAMPLES = 200
 _DOUBTS = {
     "noiseless": "there is no noise, so values relative to noise are unbounded",
@@ -199,6 +200,7 @@ def _second(index: int, rois: Sequence[Roi], edges: Sequence[SlantedEdge]) -> in
         for other, edge in enumerate(edges)
         if not math.isnan(edge.bright) and edge.orientation != edges[index].orientation
     ]
+    # The nearest one is blurred most alike: lenses and motion differ over the picture.
     return min(others)[1] if others and not math.isnan(edges[index].bright) else None
 
 

@@ -92,6 +92,7 @@ def _shade(axes: Axes, rows: Sequence[MetricRow]) -> None:
     """Shade the exposures at which a row saturates, up to half-way to their neighbours."""
     exposures = sorted({1e3 * row.at["exposure_s"] for row in rows})
     saturated = {1e3 * row.at["exposure_s"] for row in rows if CLIPPED in row.estimate.flags}
+    # Half-way on a logarithmic axis is the geometric mean; the outermost reach 1.2 times beyond.
     ends = np.array([exposures[0] / 1.44, *exposures, exposures[-1] * 1.44])
     ends = np.sqrt(ends[1:] * ends[:-1])
     axes.set_xlim(ends[0], ends[-1])
@@ -105,6 +106,7 @@ def _line(axes: Axes, rows: Sequence[MetricRow], colour: str, number: int) -> No
     ends = [(row.estimate.value, row.estimate.low, row.estimate.high) for row in rows]
     values, low, high = np.reshape(ends, (-1, 3)).T
     available = np.isfinite(values)
+    # Crosses of several velocities stand above each other, not on each other.
     foot = np.full((~available).sum(), 0.03 + 0.035 * number)
     across = axes.get_xaxis_transform()  # y in shares of the panel
     axes.plot(x[~available], foot, "x", color=colour, ms=4.5, mew=1.3, transform=across, zorder=5)

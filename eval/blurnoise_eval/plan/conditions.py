@@ -188,13 +188,17 @@ def cell_seed(base_seed: int, image: str, repeat: int) -> int:
     return int.from_bytes(digest, "little") >> 1
 
 
-def reflectance_text(anchor: str | None, setting: str) -> str:
-    """How the brightness of photographs relates to reflectance, in half a line. setting: the anchor's, as typed."""
+def reflectance_text(anchor: str | None, setting: str, spread_ev: float | None = None) -> str:
+    """How the brightness of photographs relates to reflectance, in half a line.
+
+    setting: the anchor's, as typed. spread_ev: standard deviation of the pictures' mean light.
+    """
     from blurnoise.scene.metering import GreyAnchor
 
     if anchor is None:
         darker = "a photograph darker by 1 EV gets half of the light"
-        return f"brightness is used as reflectance, so {darker}; with {setting}, a part of each reflects 18 %"
+        spread = "" if spread_ev is None else f" (the pictures' light differs by {spread_ev:.2g} EV, SD)"
+        return f"brightness is used as reflectance, so {darker}{spread}; with {setting}, a part of each reflects 18 %"
     of = GreyAnchor.parse(anchor)
     words = "the mean" if of.percentile is None else f"the {of.percentile:g} % percentile"
     if of.region_px is not None:

@@ -396,6 +396,7 @@ class SweepPlan(ExposureSettings):
             conditions = dict.fromkeys(
                 Conditions(**self.of_light(dict(zip(self.grid, values, strict=True)))) for values in combined
             )
+        # Workers go through a picture's conditions in this order, and blur once for those that share it.
         return sorted(conditions, key=lambda at: (at.blurs_as, at.exposure_s, setting_of(at)))
 
     def example_conditions(self) -> set[Conditions]:
@@ -408,6 +409,7 @@ class SweepPlan(ExposureSettings):
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, by which runs are told apart: what differs from the defaults; of a trajectory its
         identity."""
+        # What has its default is left out: a run that was begun before a setting existed keeps its identity.
         values: dict[str, Any] = {"repeats": self.repeats, "seed": self.seed}
         if self.grey_anchor is not None:
             values["grey_anchor"] = self.grey_anchor

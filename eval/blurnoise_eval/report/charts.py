@@ -63,7 +63,7 @@ def views(data: RunData) -> list[ChartView]:
     """The views of a run: over exposure and blur, and over each axis that has several values besides."""
     further = tuple(range(2, len(data.axes)))
     exposures, speeds = data.axes[:2]
-    found = [
+    listed = [
         ChartView(
             "exposure", axis_label(exposures.axis), "confidence_exposure.png", EXPOSURES, VELOCITIES, further,
             "Along a line the exposure grows, and with it light and blur. The bars below 0 show the exposure window "
@@ -81,18 +81,18 @@ def views(data: RunData) -> list[ChartView]:
         "speed", axis_label(speeds.axis), "confidence_speed.png", VELOCITIES, EXPOSURES, further,
         "Along a line only the speed changes, and with it the blur.",
     )  # fmt: skip
-    found += [speed] * (speeds.count > 1)
-    for place in further:
-        tested, name = data.axes[place], word(data.axes[place].axis)
+    listed += [speed] * (speeds.count > 1)
+    for index in further:
+        tested, name = data.axes[index], word(data.axes[index].axis)
         if tested.axis is MOVES and tested.count > 1:
-            moved = replace(speed, word=name, file="score_moves.png", lines=place)
-            found.append(replace(moved, panels=(EXPOSURES,), bands=True))
+            moved = replace(speed, word=name, file="score_moves.png", lines=index)
+            listed.append(replace(moved, panels=(EXPOSURES,), bands=True))
         elif tested.count > 1:
-            others = tuple(each for each in further if each != place)
-            of = name, axis_label(tested.axis), f"confidence_{tested.axis.name}.png", place, EXPOSURES, others
+            others = tuple(each for each in further if each != index)
+            of = name, axis_label(tested.axis), f"confidence_{tested.axis.name}.png", index, EXPOSURES, others
             scale = "log" if tested.logarithmic else "linear"
-            found.append(ChartView(*of, f"Along a line only the {name} changes.", scale))
-    return found
+            listed.append(ChartView(*of, f"Along a line only the {name} changes.", scale))
+    return listed
 
 
 def choices(data: RunData) -> list[Score]:
@@ -132,11 +132,11 @@ def numbers(data: RunData, groups: list[str]) -> Row:
     place in ``conditions``, value, interval and count of targets or pictures. windows, over exposure: whether one
     works, the exposure to use, and both ends of each with their intervals, in s.
     """
-    models = {name: place for place, name in enumerate(data.model_names)}
-    group_of = {name: place for place, name in enumerate(groups)}
+    models = {name: number for number, name in enumerate(data.model_names)}
+    group_of = {name: number for number, name in enumerate(groups)}
     conditions: dict[tuple[int | None, ...], int] = {}
 
-    def place(at: tuple[int | None, ...]) -> int:
+    def number_of(at: tuple[int | None, ...]) -> int:
         return conditions.setdefault(at, len(conditions))
 
     most = max(
@@ -158,7 +158,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
             y, low, high = map(_short, values)
             if y is not None:
                 point = [
-                    place(data.at(answer.conditions, exposure_s, velocity)),
+                    number_of(data.at(answer.conditions, exposure_s, velocity)),
                     y,
                     low,
                     high,
@@ -177,7 +177,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
             y, low, high = map(_short, value_in(row))
             if y is not None:
                 under = row.conditions
-                at = place(data.at(under, under.exposure_s, under.velocity_px_s))
+                at = number_of(data.at(under, under.exposure_s, under.velocity_px_s))
                 of_models[row.model].append([at, y, low, high, row.n_pictures])
         for model, values in of_models.items():
             untouched = data.clean_scores.get(model)
@@ -185,29 +185,30 @@ def numbers(data: RunData, groups: list[str]) -> Row:
             series += [[len(measures), models[model], 0, original, values]] * bool(values)
         most = max([row[1] for each in of_models.values() for row in each], default=0.0)
         measures.append({"name": title, "better": better, "most": most or 1.0})
-    found: Row = {
+    drawn: Row = {
         "threshold": data.criterion.level,
         "axes": [
             {"word": word(each.axis), "title": axis_label(each.axis)}
             | {"texts": each.texts, "x": each.x, "count": each.count}
-            | {"colours": line_colours("viridis" if place else "plasma", each.count)}
-            for place, each in enumerate(data.axes)
+            | {"colours": line_colours("viridis" if index else "plasma", each.count)}
+            for index, each in enumerate(data.axes)
         ],
         "measures": measures,
         "conditions": list(conditions),
         "series": series,
         "windows": windows,
     }
-    return found | {"views": [_view(data, view, found) for view in views(data)]}
+    return drawn | {"views": [_view(data, view, drawn) for view in views(data)]}
 
 
-def _view(data: RunData, view: ChartView, found: Row) -> Row:
+def _view(data: RunData, view: ChartView, drawn: Row) -> Row:
     """What a drawing needs of a view. joined: whether points follow one another on a line; not where several
     velocities share a speed. ticks: places and texts, None for those of a library. range: as drawn, logarithms of a
     logarithmic axis."""
     tested, about = data.axes[view.along], asdict(view)
-    x = [x_of(about, found["axes"], at) for at in found["conditions"]] or [1.0]
+    x = [x_of(about, drawn["axes"], at) for at in drawn["conditions"]] or [1.0]
     x = [math.log10(each) for each in x] if view.scale == "log" else x
+    # Lines should not touch the frame; one condition alone gets an axis of width 1.
     room = 0.04 * (max(x) - min(x)) or 0.5
     ticks = None
     if view.scale == "symlog":
@@ -216,6 +217,7 @@ def _view(data: RunData, view: ChartView, found: Row) -> Row:
         shown = spread(range(tested.count), MAX_TICKS)
         texts = tested.texts if tested.named else [f"{each:g}" for each in tested.x]
         ticks = [(tested.x[each], texts[each]) for each in shown]
+    # Velocities of equal speed, left and right, would be joined by a vertical line, which is no curve.
     joined = view.along != VELOCITIES or len(set(tested.x)) == len(tested.x)
     return about | {"joined": joined, "ticks": ticks, "range": [min(x) - room, max(x) + room]}
 
@@ -232,8 +234,9 @@ def _height(blur_px: float) -> float:
 
 
 def _short(value: float | None) -> float | None:
-    kept = finite(value)
-    return None if kept is None else round(kept, 4)
+    known = finite(value)
+    # Four decimals are finer than a chart's pixels; all digits would make the page much larger.
+    return None if known is None else round(known, 4)
 
 
 def _seconds(ends_s: Sequence[float | None]) -> list[float | None]:

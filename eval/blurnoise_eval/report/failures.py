@@ -37,6 +37,7 @@ MOST_PICTURE_BYTES, MOST_PICTURE_PX = 9_000_000, 400_000_000
 MOST_CROPS, MOST_CROP_PX = 8, 16_000_000
 """Targets that are simulated again at A and B, and pixels simulated for them: half a second."""
 _CROP_PX, _LEAST_CROP_PX, _AROUND = 240, 64, 1.6
+# No confidence reaches it: 2 * 1000 + 1 is the largest code.
 _NONE = 0xFFFF
 Codes = NDArray[np.uint16]
 Row = dict[str, Any]
@@ -98,6 +99,7 @@ def write_failures(store: Store, data: RunData, folder: Path, run: PicturesOfRun
     opening = max(views, key=lambda view: len(view.lost), default=None)
     sizes, (pictures, unopened) = store.pictures(), _pictures(run, names)
     page = folder / FAILURES
+    # A page that shows pictures is worth more than a new one without: the data set may be on another machine now.
     if unopened and (standing := _pictures_of(page)) > len(pictures):
         warnings.warn(
             f"{page}: stays as it was, with {standing} pictures; {len(pictures)} of {len(names)} can be opened now "
@@ -105,12 +107,12 @@ def write_failures(store: Store, data: RunData, folder: Path, run: PicturesOfRun
             stacklevel=2,
         )
         return page
-    place = {name: number for number, name in enumerate(names)}
+    number_of = {name: number for number, name in enumerate(names)}
     numbers = {
         "axes": [texts for _, texts in tested.axes],
         "conditions": tested.places,
         "pictures": [[name, *sizes[name][2:4], pictures.get(name)] for name in names],
-        "models": [_packed(model, place) for model in models],
+        "models": [_packed(model, number_of) for model in models],
         "opening": opening and opening[:3],
         "crops": dict(_crops(store, run, models[opening.model], tested, opening)) if opening else {},
     }
@@ -136,12 +138,12 @@ def _pictures_of(page: Path) -> int:
 
 
 def _conditions(store: Store, models: Sequence[str]) -> _TestedConditions:
-    found = {
+    recorded = {
         (columns.conditions[condition], repeat)
         for columns in (queries.target_columns(store, model) for model in models)
         for condition, repeat in set(zip(columns.condition.tolist(), columns.repeat.tolist(), strict=True))
     }
-    exposed = [(at, repeat) for at, repeat in found if not at.original]
+    exposed = [(at, repeat) for at, repeat in recorded if not at.original]
     axes: list[tuple[str, Any, Any]] = [("exposure", lambda key: key[0].exposure_s, EXPOSURE.text)]
     axes += [("speed", lambda key: key[0].velocity_px_s, velocity_text)]
     settings = TestedSettings(at for at, _ in exposed)
@@ -150,24 +152,27 @@ def _conditions(store: Store, models: Sequence[str]) -> _TestedConditions:
             (word(axis), lambda key, name=axis.name: key[0][name], partial(settings.value_text, axis))
         )
     axes += [("repeat", itemgetter(1), str)]
-    kept, values = [], []
+    shown, values = [], []
     for title, of, text in axes:
         every = sorted({of(key) for key in exposed})
+        # An axis of one value would be a slider that cannot move; exposure is what A and B differ in.
         if title == "exposure" or len(every) > 1:
-            kept.append((title, [text(value) for value in every]))
-            values.append((of, {value: place for place, value in enumerate(every)}))
+            shown.append((title, [text(value) for value in every]))
+            values.append((of, {value: index for index, value in enumerate(every)}))
     placed = [
-        (None if key[0].original else tuple(places[of(key)] for of, places in values), key) for key in found
+        (None if key[0].original else tuple(places[of(key)] for of, places in values), key)
+        for key in recorded
     ]
+    # The original pictures, which have no place on the axes, come first; the others follow the axes.
     placed.sort(key=lambda each: (each[0] is not None, each[0] or (), each[1][-1]))
-    return _TestedConditions(kept, [key for _, key in placed], [places for places, _ in placed])
+    return _TestedConditions(shown, [key for _, key in placed], [places for places, _ in placed])
 
 
 def _model(store: Store, name: str, tested: _TestedConditions, found_from: float) -> _Model:
     targets = list(queries.targets_when_clean(store, name))
     columns = queries.target_columns(store, name)
-    row_of = {(row.image, row.target.target_id): place for place, row in enumerate(targets)}
-    condition_of = {key: place for place, key in enumerate(tested.keys)}
+    row_of = {(row.image, row.target.target_id): index for index, row in enumerate(targets)}
+    condition_of = {key: index for index, key in enumerate(tested.keys)}
     pictures, ids = (each.tolist() for each in (columns.picture, columns.target_id))
     row = [row_of.get((columns.pictures[at], target), -1) for at, target in zip(pictures, ids, strict=True)]
     places, repeats = columns.condition.tolist(), columns.repeat.tolist()
@@ -176,8 +181,9 @@ def _model(store: Store, name: str, tested: _TestedConditions, found_from: float
     codes = np.full((len(tested.keys), n_columns), _NONE, np.uint16)
     codes[at, row] = 2 * np.round(1000 * columns.confidence) + (columns.confidence >= found_from)
     codes = codes[:, :-1]
+    # Stable, so that the page of a run is the same file each time it is written.
     order = np.argsort(-_changes(codes), kind="stable")[: MOST_CODES // max(1, len(codes))]
-    return _Model(name, [targets[place] for place in order], codes[:, order], len(targets) - len(order))
+    return _Model(name, [targets[index] for index in order], codes[:, order], len(targets) - len(order))
 
 
 def _changes(codes: Codes) -> NDArray[np.int64]:
@@ -189,14 +195,15 @@ def _changes(codes: Codes) -> NDArray[np.int64]:
     return np.asarray(np.maximum(high.astype(np.int64) - low, 0))
 
 
-def _packed(model: _Model, place: Mapping[str, int]) -> Row:
+def _packed(model: _Model, number_of: Mapping[str, int]) -> Row:
     groups = sorted({row.target.group for row in model.targets})
     labels = sorted({row.target.label for row in model.targets})
     targets = [
-        [place[row.image], groups.index(row.target.group), labels.index(row.target.label)]
+        [number_of[row.image], groups.index(row.target.group), labels.index(row.target.label)]
         + [round(edge, 1) for edge in row.target.box_xyxy]
         for row in model.targets
     ]
+    # Little-endian, as the browser reads it into a Uint16Array.
     codes = base64.b64encode(model.codes.astype("<u2").tobytes()).decode("ascii")
     return {"groups": groups, "labels": labels, "targets": targets, "codes": codes}
 
@@ -204,13 +211,14 @@ def _packed(model: _Model, place: Mapping[str, int]) -> Row:
 def _views(number: int, codes: Codes, tested: _TestedConditions) -> Iterator[_OpeningView]:
     """For each light and speed the exposure at which most targets are found, against the longest other one."""
     at: dict[Places, list[int]] = {}
-    for place, places in enumerate(tested.places):
+    for index, places in enumerate(tested.places):
         if places is not None:
-            at.setdefault(places[1:], []).append(place)
+            at.setdefault(places[1:], []).append(index)
     found, known = codes % 2 == 1, codes != _NONE
     for same in at.values():
-        a = max(same, key=lambda place: int((found & known)[place].sum()))
-        b = next((place for place in reversed(same) if place != a), None)
+        a = max(same, key=lambda index: int((found & known)[index].sum()))
+        # Exposures are in ascending order, so this is the longest one that is not A.
+        b = next((index for index in reversed(same) if index != a), None)
         if b is not None:
             order = np.argsort(codes[b].astype(int) - codes[a], kind="stable")
             yield _OpeningView(number, a, b, order[(found[a] & known[a] & ~found[b])[order]].tolist())
@@ -218,7 +226,7 @@ def _views(number: int, codes: Codes, tested: _TestedConditions) -> Iterator[_Op
 
 def _pictures(run: PicturesOfRun, names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     """The original pictures as small JPEGs, as far as the limits go; and what is wrong with the others."""
-    found, wrong, n_bytes, n_px = dict[str, str](), list[str](), 0, 0
+    opened, wrong, n_bytes, n_px = dict[str, str](), list[str](), 0, 0
     for name in names:
         if n_bytes > MOST_PICTURE_BYTES or n_px > MOST_PICTURE_PX:
             wrong.append(f"left out, so that the page stays below {2 * MOST_PICTURE_BYTES // 1_000_000} MB")
@@ -228,9 +236,9 @@ def _pictures(run: PicturesOfRun, names: Sequence[str]) -> tuple[dict[str, str],
         except (ValueError, OSError) as error:
             wrong.append(str(error))
             continue
-        found[name] = jpeg(_resized(image, PICTURE_PX / max(image.shape[:2])))
-        n_bytes, n_px = n_bytes + len(found[name]), n_px + image.shape[0] * image.shape[1]
-    return found, wrong
+        opened[name] = jpeg(_resized(image, PICTURE_PX / max(image.shape[:2])))
+        n_bytes, n_px = n_bytes + len(opened[name]), n_px + image.shape[0] * image.shape[1]
+    return opened, wrong
 
 
 def _resized(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
@@ -252,13 +260,16 @@ def _crops(
         try:
             height, width = run.picture(name).load().shape[:2]
             for target in group:
+                # Each target needs two simulated pictures, at A and at B.
                 n_px += 2 * height * width
                 if n_px > MOST_CROP_PX:
                     return
-                cells = [_cell(store, model, target, tested.keys[place]) for place in (view.a, view.b)]
+                cells = [
+                    _cell(store, model, target, tested.keys[condition]) for condition in (view.a, view.b)
+                ]
                 around = _around([row for _, row in cells], (height, width))
-                for place, (cell_id, row) in zip((view.a, view.b), cells, strict=True):
-                    yield f"{view.model}:{target}:{place}", _crop(run.simulate(cell_id), around, row)
+                for condition, (cell_id, row) in zip((view.a, view.b), cells, strict=True):
+                    yield f"{view.model}:{target}:{condition}", _crop(run.simulate(cell_id), around, row)
         except (ValueError, OSError):
             continue  # the page works without; _pictures says what is wrong with a picture
 
@@ -275,6 +286,7 @@ def _around(rows: Sequence[TargetAnswer], size: tuple[int, int]) -> tuple[int, i
     """A square (left, top, right, bottom) around the boxes, as far as the picture goes."""
     left, top = min(row.x0 for row in rows), min(row.y0 for row in rows)
     right, bottom = max(row.x1 for row in rows), max(row.y1 for row in rows)
+    # Some of the surroundings, so that a small target can be recognised, and a box of a few px is not all there is.
     half = max(_AROUND * max(right - left, bottom - top), _LEAST_CROP_PX) / 2
     spans = [((left + right) / 2, size[1]), ((top + bottom) / 2, size[0])]
     middles = ((min(max(middle, 0), most), most) for middle, most in spans)  # a box may leave the picture

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from blurnoise_eval.plan.axes import AXES
+from blurnoise_eval.plan.axes import AXES, LIGHT
 from blurnoise_eval.plan.conditions import reflectance_text
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
@@ -16,24 +17,24 @@ MAX_VALUE_CHARACTERS = 240
 
 def alarms(data: RunData) -> list[str]:
     """What makes the whole answer of a model doubtful."""
-    found = []
+    lines = []
     if missing := data.manifest["missing_cells"]:
-        found.append(
+        lines.append(
             f"The run is not finished: {counted(missing, 'cell')} missing. "
             "Repeat the command of the sweep to compute the rest."
         )
     for model in data.manifest["models"]:
         name = model["name"]
         if count := model.get("non_finite_values"):
-            found.append(f"{name}: {count} output values were NaN or infinite.")
-        found += [f"{name}: {suspicion}" for suspicion in model.get("suspicions", [])]
+            lines.append(f"{name}: {count} output values were NaN or infinite.")
+        lines += [f"{name}: {suspicion}" for suspicion in model.get("suspicions", [])]
     if same := data.manifest.get("repeated"):
-        found.append(same)
+        lines.append(same)
     failed = (
         f"{row['model']}: {counted(row['cells'], 'cell')} failed: {row['error']}"
         for row in data.manifest["errors"]
     )
-    return found + _first(failed, "further kinds of error; see results.csv")
+    return lines + _first(failed, "further kinds of error; see results.csv")
 
 
 def _first(lines: Iterable[str], more: str) -> list[str]:
@@ -65,20 +66,22 @@ def assumptions(data: RunData) -> list[str]:
         )
     }
     parts = [(model["name"], model["contract"], set[str]()) for model in data.manifest["models"]]
-    found = []
+    lines = []
     for part, fields, given in [*parts, (camera.get("name", "camera"), camera, swept_over)]:
+        # What the sweep varied was not assumed, whatever the source of the camera's own figure says.
         names = [name for name, _, _, assumed in sourced(fields) if assumed and name not in given]
         if names:
-            found.append(f"{part}: assumed {', '.join(names).replace('_', ' ')}")
+            lines.append(f"{part}: assumed {', '.join(names).replace('_', ' ')}")
     light = None if data.manifest.get("grey_anchor") else reflectance(data)
-    return found + [f"pictures: {light}"] * bool(light)
+    return lines + [f"pictures: {light}"] * bool(light)
 
 
 def reflectance(data: RunData) -> str | None:
     """How the light of a photograph becomes reflectance; None for rendered pictures, which are reflectance."""
     anchor = data.manifest.get("grey_anchor")
     rendered = data.manifest["images"]["kind"] == "rendered"
-    return None if rendered and anchor is None else reflectance_text(anchor, "--grey-anchor")
+    spread_ev = data.manifest.get("light_spread_ev")
+    return None if rendered and anchor is None else reflectance_text(anchor, "--grey-anchor", spread_ev)
 
 
 def sourced(fields: Mapping[str, Any]) -> list[tuple[str, str, str, bool]]:
@@ -111,6 +114,12 @@ def versions(manifest: Mapping[str, Any]) -> dict[str, str]:
     return facts | {f"{key} {name}": version for key, own in every.items() for name, version in own.items()}
 
 
+def white_luminances(data: RunData) -> list[str]:
+    """Of a matt surface that reflects all light, E / pi, beside every lux of the run, without headlamps."""
+    every = sorted({row.conditions.illuminance_lux for row in data.exposed_scores})
+    return [f"{lux / math.pi:.3g} cd/m2 at {LIGHT.text(lux)}" for lux in every]
+
+
 def model_facts(model: Mapping[str, Any]) -> dict[str, str]:
     """Name, kind, file and hash of a model."""
     return {key: model[key] for key in ("name", "kind", "file", "sha256") if key in model}
@@ -138,6 +147,7 @@ def run_facts(data: RunData) -> dict[str, str]:
         "pictures": {name: value for name, value in manifest["images"].items() if name != "notes"},
         "cells, of all models": manifest["n_cells"],
         "held": data.settings.held or None,
+        "luminance of a white surface": white_luminances(data) or None,
         "wall time, s": manifest.get("wall_s"),
         "simulation per picture, ms (median)": manifest["simulate_ms"],
     }

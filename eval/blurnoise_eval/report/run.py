@@ -104,8 +104,8 @@ class RunData:
         """Exposure, velocity (the slow ones first), light, and what else varies."""
         exposures = {row.conditions.exposure_s for row in self.exposed_scores}
         exposures = exposures.union(*(answer.exposures_s for answer in self.answers))
-        own = exposures.intersection(self.manifest.get("plan", {}).get("grid", {}).get(EXPOSURE.name, ()))
-        grid = sorted(own or exposures)
+        planned = exposures.intersection(self.manifest.get("plan", {}).get("grid", {}).get(EXPOSURE.name, ()))
+        grid = sorted(planned or exposures)
         velocities = {at.velocity_px_s for at in self.tested}
         motions = sorted(velocities, key=lambda each: (math.hypot(*each), each))
         speeds, texts = tuple(math.hypot(*v) for v in motions), tuple(map(velocity_text, motions))
@@ -113,8 +113,8 @@ class RunData:
             Tested.of(EXPOSURE, [*grid, *sorted(exposures.difference(grid))], len(grid)),
             Tested(SPEED, tuple(motions), speeds, texts, len(motions)),
             *(
-                self._tested(axis, sorted({setting[place] for setting in self.settings.every}))
-                for place, axis in enumerate(self.settings.axes)
+                self._tested(axis, sorted({setting[index] for setting in self.settings.every}))
+                for index, axis in enumerate(self.settings.axes)
             ),
         )
 
@@ -124,7 +124,7 @@ class RunData:
 
     @cached_property
     def _places(self) -> list[dict[Any, int]]:
-        return [{value: place for place, value in enumerate(tested.values)} for tested in self.axes]
+        return [{value: index for index, value in enumerate(tested.values)} for tested in self.axes]
 
     def at(
         self, conditions: AxisValues, exposure_s: float | None, velocity: object = None
@@ -143,16 +143,16 @@ class RunData:
         sizes: dict[str, int] = {}
         for answer in self.answers:
             sizes[answer.group] = max(sizes.get(answer.group, 0), answer.n_targets)
-        kept = sorted(sizes, key=lambda group: -sizes[group])[:count]
-        return [group for group in sizes if group in kept]
+        largest = sorted(sizes, key=lambda group: -sizes[group])[:count]
+        return [group for group in sizes if group in largest]
 
     def spread_examples(self, count: int) -> list[Example]:
         """At most about ``count`` examples, of conditions that are evenly spread, each with all models."""
         paths = list(dict.fromkeys(example.path for example in self.examples))
-        kept = spread(paths, max(1, count // max(1, len(self.model_names))))
-        chosen = (example for example in self.examples if example.path in kept)
+        shown = spread(paths, max(1, count // max(1, len(self.model_names))))
+        chosen = (example for example in self.examples if example.path in shown)
         return sorted(
-            chosen, key=lambda each: (kept.index(each.path), self.model_names.index(each.cell.model))
+            chosen, key=lambda each: (shown.index(each.path), self.model_names.index(each.cell.model))
         )
 
 

@@ -76,11 +76,11 @@ class TestedSettings:
         self.of_light = tuple(
             axis for axis in lit if all(at[axis.name] == of_lux[at[LIGHT.name]][axis.name] for at in every)
         )
-        own = {
+        texts = {
             lux: ", ".join([LIGHT.text(lux), *(axis.text(at[axis.name]) for axis in self.of_light)])
             for lux, at in of_lux.items()
         }
-        self._lights = {lux: str(names.get(lux, text)) for lux, text in own.items()}
+        self._lights = {lux: str(names.get(lux, text)) for lux, text in texts.items()}
         self.axes = tuple(axis for axis in several if axis not in self.of_light)
         self.further = tuple(axis for axis in self.axes if axis is not LIGHT)
         self.every = tuple(sorted(set(map(self.of, every))))

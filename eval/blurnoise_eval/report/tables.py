@@ -56,11 +56,13 @@ def _model_cell(of: WithInterval, score: Score, best: float | None) -> Cell:
 def answers(data: RunData, model: str, groups: list[str]) -> tuple[str, list[tuple[str, list[TableRow]]]]:
     """In how many a model's exposures work; and per target group its title and a row per setting, a cell per
     velocity."""
-    own = [answer for answer in data.answers if answer.model == model]
+    of_model = [answer for answer in data.answers if answer.model == model]
     parts = []
     for group in groups:
         of = {
-            (data.settings.of(a.conditions), a.conditions.velocity_px_s): a for a in own if a.group == group
+            (data.settings.of(a.conditions), a.conditions.velocity_px_s): a
+            for a in of_model
+            if a.group == group
         }
         rows: list[TableRow] = []
         for at in spread(data.settings.every, MAX_SETTINGS):
@@ -72,7 +74,7 @@ def answers(data: RunData, model: str, groups: list[str]) -> tuple[str, list[tup
             known = "" if clean is None else f"; original pictures {clean:.2f}"
             pictures = counted(most.n_pictures, "picture")
             parts.append((f"{group}: n = {most.n_targets} in {pictures}{known}", rows))
-    return f"{sum(a.verdict == WORKS for a in own)} of {len(own)}", parts
+    return f"{sum(a.verdict == WORKS for a in of_model)} of {len(of_model)}", parts
 
 
 def _answer_cell(answer: AnswerRow | None) -> Cell:

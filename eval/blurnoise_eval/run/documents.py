@@ -175,6 +175,7 @@ def validated(key: str, value: Any) -> Any:
 
 def _check_depth(value: Any) -> None:
     level = [value]
+    # Level by level: calls that nest as deep as a hostile document would reach Python's limit.
     for _ in range(_DEEPEST):
         inside = (each for each in level if isinstance(each, dict | list))
         level = [part for each in inside for part in (each.values() if isinstance(each, dict) else each)]

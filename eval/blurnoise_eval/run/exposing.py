@@ -109,6 +109,7 @@ class PictureScene:
     def frames(self, exposures: Sequence[Exposure]) -> Iterator[Frames]:
         """The picture under each exposure. At rest it is as it is, whatever may move."""
         options = TakeOptions(("8 bit",), white=self.plan.hdr_white)
+        # Adjacent exposures of one scene are taken together, so that take_each can share what they have in common.
         for (is_cut, _), group in groupby(exposures, key=lambda at: (self._is_cut(at), _lit_by(at))):
             alike = list(group)
             if is_cut:
@@ -187,6 +188,7 @@ class PictureScene:
             light, scale = self.light.light, 1.0
             if self.plan.grey_anchor is not None:
                 plain = Scene.of_picture(self._image, encoding=self.plan.picture_tone)
+                # The anchor scales all light by one number, so the ratio of the sums is that number.
                 scale = float(self._reflected.sum() / plain.light.sum())
             emitters = 1.0 if self.plan.lamps is None else self.plan.lamps.factor
             self._cut = cut_out(self._picture, light, self.objects, scale, emitters)
@@ -215,6 +217,7 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
     that of the cell's seed.
     """
     plan = scene.plan
+    # First, as a model's answer to the original picture says what counts as its targets.
     yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
     exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
     height, width = scene.image8.shape[:2]
@@ -227,6 +230,7 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
                 scene.lit(exposure).mean_light(exposure)
             )
         if plan.path is not None:
+            # Over the longest exposure of the plan: all exposures of a cell's seed are parts of one shake.
             along = plan.path[0].of(camera, (height, width), plan.path[1], cell.seed)
             exposure = replace(exposure, trajectory=along)
         if plan.lamps is not None:
@@ -278,6 +282,7 @@ def _brightest(camera: Camera, digital_db: float) -> int:
 @lru_cache(maxsize=256)
 def _brightest_fused(camera: Camera, white_e: float, illuminant: str | Curve) -> int:
     planes = 3 if camera.sensor.cfa == "none" else 1
+    # A picture in which every pixel is at its limit says what becomes of it: fusion is no table of values.
     limits_dn = [float(int(reader.sensor.saturated_dn)) for reader in readers(camera)]
     dn = torch.stack([torch.full((1, planes, 4, 4), limit_dn) for limit_dn in limits_dn])
     return int(develop_8bit(dn, camera, illuminant=illuminant, white_e=torch.tensor([white_e])).min())
@@ -328,6 +333,7 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
         check_cut(pictures, plan.objects)
     if plan.path is not None:
         (stated, longest_s), readout_s = plan.path, camera.sensor.row_time_s * camera.sensor.height_px
+        # The last row of the last capture is exposed latest; the path must hold it, and the same time before.
         half_s = sum(windows(captures_of(camera), longest_s)[-1]) - longest_s / 2
         half_s += readout_s if camera.sensor.shutter == "global-reset" else readout_s / 2
         path = stated.of(camera, size, longest_s, plan.seed)
@@ -341,5 +347,6 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
             windows(camera.sensor.captures, exposure.exposure_s)
         if exposure.drives:
             height, width = size
+            # The flow of a camera that drives is greatest at the picture's rim; six points bound it.
             edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
             limited_motion("ego_speed_m_s: flow times exposure", exposure.displacements_px(edges))

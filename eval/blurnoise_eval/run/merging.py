@@ -81,6 +81,7 @@ def _wall_s(runs: Sequence[Run]) -> float:
     total_s, numbers = 0.0, set[int]()
     for run in runs:
         of_run, count = _part(run)
+        # A part that the joined run already has was counted with it.
         if count == 1 or not of_run <= numbers:
             total_s += run.setup.wall_s
         if count == 1:
@@ -117,6 +118,7 @@ def _join(
             joined.set_about(key, value)
         there = Run(joined).setup.batches
         noted = {at for batch in there for at in batch.conditions}
+        # A dict in place of a set: batches list their conditions in a fixed order.
         refined = {at: None for part in parts for batch in part.setup.batches for at in batch.conditions}
         if more := tuple(at for at in refined if at not in noted):
             note_batch(joined, Batch(about["manifest"]["images"]["count"], (), more))

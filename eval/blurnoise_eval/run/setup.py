@@ -171,6 +171,7 @@ class Setup:
         """How many of the plan's cells are not computed yet, those of skipped pictures apart."""
         chosen: int = self.planned["repeats"] * sum(len(batch.conditions) for batch in self.batches)
         n_pictures = self.manifest["images"]["count"]
+        # A search has one cell besides what it chose: the original picture.
         per_picture = chosen + (self.plan.cells_per_picture if self.grid else 1)
         if not self.grid:
             n_pictures = self.batches[-1].n_pictures if self.batches else 0
@@ -214,6 +215,7 @@ def _plan(
     path = TrajectorySpec(trajectory["text"], trajectory["content"]) if trajectory else None
     chosen = [] if "grid" in planned else [at for batch in batches for at in batch.conditions]
     plan = SweepPlan.from_dict(planned, path, chosen)
+    # Edited values would give the cells other ids than those of the run's rows.
     if json.loads(json.dumps(plan.to_dict())) != planned:
         raise ValueError("is none that a sweep writes")
     return plan

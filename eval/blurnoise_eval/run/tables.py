@@ -81,6 +81,7 @@ def tables_of(
     ]
     manifest = _manifest(store, setup, criterion)
     manifest |= {"withheld": withheld, "withheld_models": unfit}
+    manifest["light_spread_ev"] = queries.light_spread_ev(store, setup.camera.sensor.gain_max_db)
     manifest["light"] = _light(store, setup, scores)
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     models = model_rows(

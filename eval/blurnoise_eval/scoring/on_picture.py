@@ -116,10 +116,12 @@ class ModelOnPicture:
         boxes = places = self._boxes(move_boxes, image)
         if sweep_boxes is not None and len(boxes):
             covered = swept_within(self._boxes(sweep_boxes, image), boxes, image.shape[1::-1])
+            # At rest both are the same boxes, and one comparison does.
             if not np.array_equal(covered, boxes):
                 places = np.concatenate([boxes, covered])
         of, at = np.resize(self._ids, len(places)), places.astype(np.float32)
         confidences = target_confidences(found, at, of)
+        # Scores of classes that lead no box count as well: a target may be found as the second-likeliest class.
         if own is not None and len(of) and len(others := own(of, confidences)):
             confidences = np.maximum(confidences, target_confidences(others, at, of))
         every = confidences.tolist()
@@ -138,6 +140,7 @@ class ModelOnPicture:
             zip(boxes.tolist(), model.read(image, boxes.tolist()), strict=True)
         ):
             if (truth := self._texts[index]) is None:
+                # Without a label the first picture, which is the original, says what the text is.
                 truth = self._texts[index] = reading.text
             row = self._answered(
                 index,

@@ -95,6 +95,7 @@ def _headlit(config: SceneFile, light: Tensor, exposure: Exposure, cut: Cut | No
     alpha = cut.layers[0].alpha.numpy().astype("float32")
     box = (float(left), float(top), float(left + width), float(top + height))
     view = config.lit.view(exposure.camera, config.vehicle)
+    # Any width: the distance is stated, and base_m=None lets the picture say how high it stands.
     own = {"object": RoadObject(width_m=1.0, base_m=None, sheeting=config.lit.sheeting)}
     outline = Outline("object", box, alpha, (left, top), outlined=True)
     lamps = Headlamps(exposure.headlamp)  # type: ignore[arg-type]  # a beam's name
@@ -188,6 +189,7 @@ def _lamp(config: SceneFile, size: tuple[int, int]) -> tuple[Pwm | None, Tensor 
 
 def _shares(path: Path) -> Tensor:
     """A picture's codes as shares of the largest."""
+    # 255 or 65535, by the bytes of a value.
     stored = decode(path)
     return torch.from_numpy(stored.astype("float32") / float(2 ** (8 * stored.itemsize) - 1))
 

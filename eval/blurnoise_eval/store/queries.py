@@ -6,6 +6,7 @@ rows do not change.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,12 @@ def _mean(column: str) -> str:
     return f"CASE WHEN MIN({column}) = MAX({column}) THEN MIN({column}) ELSE AVG({column}) END"
 
 
+def _in_order(columns: Iterable[str], where: str) -> str:
+    """Rows of cells in an order of their own: the last digit of SQLite's AVG depends on that of its rows, which is
+    otherwise that in which threads or parts of a run have computed them."""
+    return f"(SELECT {', '.join(columns)} FROM cells WHERE {where} ORDER BY {SORTED}, image, repeat, model)"
+
+
 def _values(store: Store, query: str, *values: object) -> list[Any]:
     """The only column of all rows."""
     return [value for (value,) in store.rows(query, *values)]
@@ -46,7 +53,8 @@ def _condition(at: AxisValues) -> tuple[Any, ...]:
 def as_set(store: Store, conditions: Iterable[AxisValues]) -> list[AxisValues]:
     """The conditions; where the camera sets the exposure, with the mean exposure of that setting's pictures, s."""
     where = ", ".join(SETTING)
-    query = f"SELECT {where}, {_mean('applied_exposure_s')} FROM cells WHERE exposure_s = ? GROUP BY {where}"
+    rows = _in_order((*SETTING, "applied_exposure_s"), "exposure_s = ?")
+    query = f"SELECT {where}, {_mean('applied_exposure_s')} FROM {rows} GROUP BY {where}"
     means = {tuple(setting): mean for *setting, mean in store.rows(query, AUTOMATIC)}
     return [
         at.but(exposure_s=means[setting_of(at)]) if at["exposure_s"] == AUTOMATIC else at for at in conditions
@@ -56,10 +64,12 @@ def as_set(store: Store, conditions: Iterable[AxisValues]) -> list[AxisValues]:
 def condition_counts(store: Store, model: str) -> list[ScoreRow]:
     """Rows without scores of every condition of a model, original pictures first."""
     means = ", ".join(f"AVG({name})" for name in MEANS)
-    lamps = f", AVG({_MISSED})" if store.lamp_columns() else ""
+    missed = (_MISSED,) * bool(store.lamp_columns())
+    lamps = "".join(f", AVG({name})" for name in missed)
+    columns = ("model", *CONDITIONS, "blur_px", "n_targets", "error", *MEANS, *missed)
     query = f"""
       SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*), NULLIF(SUM(n_targets), 0), COUNT(error), {means}{lamps}
-      FROM cells WHERE model = ? GROUP BY {_SHARED} ORDER BY {SORTED}
+      FROM {_in_order(columns, "model = ?")} GROUP BY {_SHARED} ORDER BY {SORTED}
     """
     return list(map(ScoreRow.read, store.rows(query, model)))
 
@@ -155,6 +165,7 @@ def non_finite_values(store: Store) -> dict[str, int]:
 
 def errors(store: Store) -> list[dict[str, Any]]:
     """The errors of models with their numbers of cells, the most frequent first."""
+    # NOT INDEXED: all rows are read anyway, which is faster in the order of the file.
     query = "SELECT model, error, COUNT(*) AS cells FROM cells NOT INDEXED WHERE error IS NOT NULL"
     rows = store.rows(f"{query} GROUP BY model, error ORDER BY cells DESC")
     return [{"model": model, "error": error, "cells": count} for model, error, count in rows]
@@ -163,6 +174,7 @@ def errors(store: Store) -> list[dict[str, Any]]:
 def median_simulate_ms(store: Store) -> float | None:
     """Median time of the exposed cells; None without any."""
     query = "SELECT simulate_ms FROM cells NOT INDEXED WHERE clean = 0 AND simulate_ms IS NOT NULL"
+    # SQLite has no median.
     times_ms = sorted(_values(store, query))
     return float(times_ms[len(times_ms) // 2]) if times_ms else None
 
@@ -208,6 +220,28 @@ def gains_set(store: Store, model: str) -> Iterator[tuple[str, float, float, flo
     return store.rows(f"{query} {where}", model, AUTOMATIC)
 
 
+def light_spread_ev(store: Store, gain_max_db: float) -> float | None:
+    """The standard deviation of the pictures' mean light, EV, by the gains that the camera has set for them.
+
+    It is read where the fewest gains are at a limit, and is None if these are more than a tenth, or fewer than five.
+    A gain of 6.02 dB more is half of the light.
+    """
+    pictures = len(pictures_seen(store))
+    within = (
+        "applied_gain_db > 0.01 AND applied_gain_db < ?"  # nearer to a limit gains do not follow the light
+    )
+    rows = _in_order((*CONDITIONS, "repeat", "model", "applied_gain_db"), f"gain_db = ? AND {within}")
+    query = f"""
+      SELECT COUNT(*) AS n, AVG(applied_gain_db * applied_gain_db) - AVG(applied_gain_db) * AVG(applied_gain_db)
+      FROM {rows} WHERE exposure_s <> ? GROUP BY {_SHARED}, repeat, model
+      ORDER BY n DESC, illuminance_lux LIMIT 1
+    """
+    for count, variance_db2 in store.rows(query, AUTOMATIC, gain_max_db - 0.01, AUTOMATIC):
+        if count >= max(5, 0.9 * pictures):
+            return math.sqrt(max(0.0, variance_db2)) / (20 * math.log10(2))
+    return None
+
+
 _ORDER = ", ".join(f"cells.{name.strip()}" for name in ROWS.split(","))
 _TABLES = {  # sorted by an index, picture by picture, in little memory
     "results": ("cells", f"cells ORDER BY {_ORDER}"),
@@ -249,6 +283,7 @@ def _as_text(table: str, column: TableColumn) -> str:
         return f"CASE {value} {places} ELSE {numbered if axis.prefix else 'NULL'} END"
     if name == "clean":
         return f"CASE WHEN {value} THEN 'True' ELSE 'False' END"
+    # 9e999 is SQLite's infinity, which stands for what the camera sets.
     return f"CASE WHEN {value} = 9e999 THEN 'auto' ELSE {value} END" if column.kind == "REAL" else value
 
 
@@ -327,6 +362,7 @@ def _read(store: Store, model: str) -> TargetColumns:
     of_names: list[dict[Any, int]] = [conditions, pictures, groups]
     named = [_sorted(*each) for each in zip(of_names, codes, strict=False)]
     columns = [*(ranks for _, ranks in named), *codes[3:], *table[:, 5:].T]
+    # By condition, picture, repeat and target: rows come in the order in which threads have finished.
     order = np.lexsort((columns[4], columns[3], columns[1], columns[0]))
     tested, *others = (names for names, _ in named)
     every: list[Any] = [list(map(AxisValues, tested)), *others, *(column[order] for column in columns)]

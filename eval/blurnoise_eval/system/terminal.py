@@ -53,6 +53,7 @@ def say(*lines: object, error: bool = False) -> None:
 
 def say_json(value: Any) -> None:
     """Print one line of JSON, in ASCII. Raises ``ValueError`` for infinity and NaN, which JSON does not have."""
+    # ASCII: a pipe's encoding may not have all letters.
     print(json.dumps(value, allow_nan=False))
 
 
@@ -60,6 +61,7 @@ def width() -> int | None:
     """The columns of the terminal, or COLUMNS; None if standard output is a pipe or a file."""
     if "COLUMNS" not in os.environ and not sys.stdout.isatty():
         return None
+    # Narrower than a word, tables have a letter in each line.
     return max(shutil.get_terminal_size().columns, 20)
 
 
@@ -145,6 +147,7 @@ def text_console(**options: Any) -> Console:
 
 def accept_all_text() -> None:
     """Print "?" for letters that the encoding of standard output or error does not have; ignore closed ones."""
+    # Python started without them, such as by pythonw, has None there, which has no isatty.
     sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -99,10 +99,12 @@ def written_run(where: Location, *, fetch: bool = True, results: bool = True) ->
     try:
         yield folder
     except ValueError as error:
+        # Errors of one text can be made again with the URL in it; others, such as of Unicode, cannot.
         if len(error.args) != 1:
             raise
         raise type(error)(folder.with_url(error)) from None
     finally:
+        # Object stores have no locks: the listing says whether the file is still the one that was fetched.
         if results and _found(where).get(RUN_FILE) != found.get(RUN_FILE):
             conflict = (
                 "another process has written results there meanwhile; the results of this process are in"

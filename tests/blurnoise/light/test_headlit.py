@@ -204,6 +204,18 @@ def test_wall_of_a_target_that_counts_as_8_m_has_the_scale_of_8_m():
     assert lit.wall[above, 0] == pytest.approx(float(expected.illuminance_lux), rel=0.01)
 
 
+def test_wall_at_a_stated_distance_has_the_scale_of_that_distance():
+    view = RoadView(CAMERA, background="lit", distance_m=50.0)
+    box = sign(10.0, 0.3).box
+    lit = headlit(LIGHT, [Outline("stop sign", box)], view, LOW)
+    below = int(box[3] + 1.0 * FOCAL_PX / 50)  # 1 m below the sign's foot at 50 m
+    expected = LOW.onto((0.5 - 640) * 50 / FOCAL_PX, 1.8 + (box[3] - below - 0.5) * 50 / FOCAL_PX, 50.0)
+    assert lit.wall[below, 0] == pytest.approx(float(expected.illuminance_lux), rel=0.01)
+    assert lit.targets[0].standing.up_m(np.array([box[1]])) == pytest.approx(
+        1.8 + 0.762
+    )  # its own size is kept
+
+
 def test_sheeting_replaces_that_of_classes_that_have_one():
     person = Outline("person", sign(27.0, -1.5, base_m=0.0, width_m=0.5, height_m=1.7).box)
     outlines = [Outline("stop sign", sign().box), person]

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from blurnoise_eval import expose
 from commands import main
 
 SHORT = ("--lux", "10", "--exposure-ms", "10", "--dx", "0", "--threads", "1")
@@ -29,3 +30,56 @@ def test_rendered_signs_need_no_such_clause(tmp_path, capsys):
     """Their brightness is reflectance."""
     assert main(["sweep", "--limit", "1", "-o", str(tmp_path / "run"), *SHORT]) == 0
     assert "lux:" not in capsys.readouterr().out
+
+
+def explored(folder, *words):
+    """A dim picture as the explorer writes it."""
+    cv2.imwrite(str(folder / "dim.png"), np.full((24, 32, 3), 60, np.uint8))
+    at = "exposure-ms=10&lux=60&gain=0&dx=0"
+    given = ("--model", "none", "--at", at, "-o", str(folder / "out.png"), *words)
+    assert main(["explore", str(folder / "dim.png"), *given]) == 0
+    return cv2.imread(str(folder / "out.png"))
+
+
+def test_an_explored_photograph_has_its_anchor(tmp_path, capsys):
+    plain = explored(tmp_path)
+    assert "a photograph darker by 1 EV gets half of the light" in " ".join(capsys.readouterr().out.split())
+    anchored = explored(tmp_path, "--grey-anchor", "mean")
+    assert "the mean of each picture reflects 18 %" in " ".join(capsys.readouterr().out.split())
+    assert anchored.mean() > plain.mean() + 20
+    taken = expose(
+        np.full((24, 32, 3), 60, np.uint8),
+        "imx250",
+        grey_anchor="mean",
+        exposure_s=0.01,
+        illuminance_lux=60.0,
+    )
+    assert taken.image.mean() == pytest.approx(anchored.mean(), abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("dim.png", "--grey-anchor", "card"), "--grey-anchor = 'card': must be mean, pNN"),
+        (("--grey-anchor", "mean"), "--grey-anchor = 'mean': needs a picture"),
+    ],
+)
+def test_an_anchor_of_nothing_is_one_line(tmp_path, capsys, monkeypatch, words, why):
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("dim.png", np.full((24, 32, 3), 60, np.uint8))
+    assert main(["explore", *words, "-o", "out.png"]) == 2
+    assert why in capsys.readouterr().err
+
+
+def test_a_sweep_says_by_how_much_its_photographs_differ(tmp_path, capsys):
+    """Flat pictures of 2 to 32 % of white, a stop apart: sqrt(2) EV."""
+    (tmp_path / "photos").mkdir()
+    for place, linear in enumerate((0.02, 0.04, 0.08, 0.16, 0.32)):
+        coded = 255 * (1.055 * linear ** (1 / 2.4) - 0.055)
+        cv2.imwrite(str(tmp_path / "photos" / f"{place}.png"), np.full((24, 32, 3), round(coded), np.uint8))
+    given = ("--images", str(tmp_path / "photos"), "-o", str(tmp_path / "run"), *SHORT)
+    assert main(["sweep", *given]) == 0
+    assert "(the pictures' light differs by 1.4 EV, SD)" in " ".join(capsys.readouterr().out.split())
+    anchored = (*given, "--grey-anchor", "mean", "-o", str(tmp_path / "anchored"))
+    assert main(["sweep", *anchored]) == 0
+    assert "EV" not in capsys.readouterr().out

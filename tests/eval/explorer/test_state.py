@@ -98,3 +98,11 @@ def test_a_later_part_resets_what_it_excludes():
     driven = State.of_query("ego-kmh=36", USUAL)
     assert (driven.at["ego_speed_m_s"], driven.at["velocity_x_px_s"]) == (10.0, 0.0)
     assert State.of_query("ego-kmh=36&dx=50", USUAL) == State.of_query("dx=50", USUAL)
+
+
+def test_a_query_may_name_a_light():
+    at = State.of_query("light=sodium-street", State()).at
+    assert at["illuminance_lux"] == 20.0
+    assert [text_of(QUANTITIES[name], at[name]) for name in ("illuminant", "headlamp")] == ["sodium", "low"]
+    with pytest.raises(ValueError, match="light = 'moonlight'"):
+        State.of_query("light=moonlight", State())

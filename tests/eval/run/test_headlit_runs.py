@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from blurnoise_eval import datasets, evaluate
 from blurnoise_eval.datasets import outlines
+from blurnoise_eval.measure import charts
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.lit_targets import LitTargets
 from blurnoise_eval.plan.plan import SweepPlan
+from blurnoise_eval.report.findings import run_facts
 from blurnoise_eval.run.exposing import PictureScene, check_plan, frames
 from blurnoise_eval.run.headlit_scenes import HeadlitFacts
 from blurnoise_eval.run.run import Run
@@ -176,6 +178,16 @@ def test_page_and_summary_have_the_lines(run):
     assert summary["light"] == run.tables.manifest["light"]
     with (run.folder / "results.csv").open() as file:
         assert {row["headlamp"] for row in csv.DictReader(file)} == {"", "off", "low"}
+
+
+def test_page_says_the_luminance_of_white_beside_every_lux(run):
+    facts = run_facts(run.tables)
+    assert facts["luminance of a white surface"] == "0.318 cd/m2 at 1 lux, 6.37 cd/m2 at 20 lux"
+
+
+def test_charts_have_no_targets_for_headlamps():
+    with pytest.raises(ValueError, match="headlamp: must be off, as a chart has no targets"):
+        charts.check(CAMERA, lit_plan())
 
 
 def test_a_run_is_read_with_what_the_plan_states(run):

@@ -161,6 +161,7 @@ def decode(probabilities: FloatArray, classes: Sequence[str]) -> Reading:
     """
     best = probabilities.argmax(axis=1)
     kept = best != 0
+    # A class that goes on is the same character; CTC puts a blank between two equal ones.
     kept[1:] &= best[1:] != best[:-1]
     if not kept.any():
         return NOTHING
@@ -247,6 +248,7 @@ class Recogniser(TextNetwork):
                 self.contract, {"height_px": height}, "graph", "the graph takes this height"
             )
         self._characters = characters(self._dictionary(contract, dictionary))
+        # Its answer to any picture says how many classes it has, and whether they are probabilities.
         rows = self._answer(self.prepare(np.full((48, 48, 3), 128, np.uint8)))
         if rows.ndim != 2 or rows.shape[1] != len(self._characters):
             raise ModelError(
@@ -285,6 +287,7 @@ class Recogniser(TextNetwork):
             lines = read_text(file)
         except (OSError, ValueError) as error:
             raise ModelError(f"dictionary = {file.name!r}: cannot be read: {error}") from None
+        # With another dictionary the same network is another model: stored answers are found by this number.
         both = self.sha256 + hashlib.sha256(lines.encode()).hexdigest()
         self.sha256 = hashlib.sha256(both.encode()).hexdigest()
         return lines
@@ -360,5 +363,6 @@ def rapidocr_models() -> tuple[Path, Path] | None:
         for folder in (spec.submodule_search_locations or ()) if spec else ():
             networks = [sorted(Path(folder, "models").glob(f"*_{task}_*.onnx")) for task in ("det", "rec")]
             if all(networks):
+                # The last by name is the newest: names begin with the version, such as ch_PP-OCRv4.
                 return networks[0][-1], networks[1][-1]
     return None
