@@ -46,7 +46,7 @@ from blurnoise_eval.plan.reading import (
     tone_of,
     trajectory_of,
 )
-from blurnoise_eval.plan.settings import SettingInfo, Settings, late, nested, setting
+from blurnoise_eval.plan.settings import SettingInfo, Settings, default_text, late, nested, setting
 
 if TYPE_CHECKING:
     from blurnoise.camera.colour import PictureTone
@@ -232,11 +232,6 @@ class ExposureSettings(Settings):
         return {name: self.values(name) for name in self.grid} | further
 
 
-def default_text(value: str, names: str = "") -> str:
-    """A default at the end of a line of help: ' (default: 1,10)', or '' without one."""
-    return f" (default: {value}{names})" if value else ""
-
-
 def _values(of: Axis, given: Any) -> tuple[float, ...]:
     """The values of a setting. Raises ``ValueError`` that names it."""
     try:
@@ -247,11 +242,6 @@ def _values(of: Axis, given: Any) -> tuple[float, ...]:
         if not str(error).startswith("must"):
             raise
         raise ValueError(f"{of.key} = {shown(given)}: {error}") from None
-
-
-def with_defaults(axes: Sequence[Axis], **defaults: Iterable[float]) -> tuple[Axis, ...]:
-    """Axes with these defaults, by name, and no others."""
-    return tuple(replace(each, default=tuple(defaults.get(each.name, ())), default_names=()) for each in axes)
 
 
 @dataclass(frozen=True, kw_only=True)
