@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Generic, Literal, get_args
 
@@ -107,6 +107,13 @@ class Exposure(Generic[Number]):
         if self.drives and (self.moves == "targets" or bool(self._velocity.any())):
             given = f"ego_speed_m_s = {shown(self.ego_speed_m_s)}, or a vehicle that turns"
             raise ValueError(f"{given}: velocity_px_s must be (0, 0) and moves not 'targets'")
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all values are equal. Tensors of a batch are as a whole, where ``==`` compares their elements."""
+        if not isinstance(other, Exposure):
+            return NotImplemented
+        names = [entry.name for entry in fields(self)]
+        return all(_same(getattr(self, name), getattr(other, name)) for name in names)
 
     def _check_one(self: Exposure[float]) -> None:
         """Check the values of one frame. Those of a batch are checked against its pictures."""
@@ -292,6 +299,18 @@ class Exposure(Generic[Number]):
         paths: Any = (self.trajectory,) if self.trajectory else ()
         numbers = self.exposure_s, float(self.temperature_c), math.nan, (x, y)
         return Resolved(self.camera, *numbers, size=size, trajectories=paths)
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two values of a field are equal, tensors in it included."""
+    if one is other:  # also where it is NaN
+        return True
+    if isinstance(one, Tensor) or isinstance(other, Tensor):
+        tensors = isinstance(one, Tensor) and isinstance(other, Tensor) and one.device == other.device
+        return tensors and torch.equal(one, other)
+    if isinstance(one, list | tuple) and type(one) is type(other):
+        return len(one) == len(other) and all(map(_same, one, other))
+    return bool(one == other)
 
 
 def _column(name: str, value: Any, batch: int) -> list[Any]:

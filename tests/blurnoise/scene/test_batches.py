@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from blurnoise import Camera, Layer, Trajectory, simulate
+from blurnoise import Camera, Exposure, Layer, Trajectory, simulate
 
 SIZE = HEIGHT, WIDTH = (41, 67)
 IMX250 = Camera.preset("imx250").with_figures(width_px=WIDTH, height_px=HEIGHT)
@@ -64,3 +64,28 @@ def test_nothing_that_moves_is_as_if_nothing_had_been_given(still, camera):
     taken: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 60.0, "generator": [1]}
     expected = simulate(light, CAMERAS[camera], **taken)
     assert torch.equal(simulate(light, CAMERAS[camera], **taken, **still), expected)
+
+
+def of_two(exposure_s=(0.01, 0.02), velocity_px_s=(0.0, 0.0), seed=(1, 2)):
+    return Exposure(
+        Camera.preset("imx250"),
+        torch.tensor(exposure_s),
+        torch.tensor([5.0, 6.0]),
+        velocity_px_s=velocity_px_s,
+        seed=seed,
+    )
+
+
+def test_exposures_of_batches_compare_as_a_whole():
+    assert of_two() == of_two()
+    speeds = torch.tensor([3.0, 4.0])
+    assert of_two(velocity_px_s=(speeds, speeds)) == of_two(velocity_px_s=(speeds.clone(), speeds.clone()))
+    for other in (of_two((0.01, 0.03)), of_two(seed=(1, 3)), of_two(velocity_px_s=(speeds, speeds))):
+        assert of_two() != other
+
+
+def test_an_exposure_of_one_frame_equals_another_and_hashes():
+    one, other, longer = (Exposure(Camera.preset("imx250"), time_s, 5.0) for time_s in (0.01, 0.01, 0.02))
+    assert one == other != longer
+    assert hash(one) == hash(other)
+    assert one != "exposure"
