@@ -80,7 +80,8 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
     exposure = conditions.exposure(run.camera, spectrum=run.plan.own_spectrum)
     camera, lit_by = exposure.camera, exposure.illuminant
     if because := what_breaks(camera, space, run.plan.trajectory, pulsed=run.plan.pulsed):
-        raise ValueError(f"{where}: cannot give a program: {'; '.join(because)}")
+        instead = "; sweep with --lux, for one spectrum and no headlamps" if run.plan.light else ""
+        raise ValueError(f"{where}: cannot give a program: {'; '.join(because)}{instead}")
     with run.store as store:
         light = mean_light(queries.gains_set(store, name), camera, lit_by)
     if light is None:
