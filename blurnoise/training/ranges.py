@@ -43,7 +43,7 @@ from blurnoise.training.source import (
 )
 
 _LONGEST_USUAL_S = 1.0  # a longer exposure was probably meant in milliseconds: there is a warning
-_USUAL_LUX = (min(usual.ILLUMINANCE_LUX.values()), max(usual.ILLUMINANCE_LUX.values()))
+_USUAL_LUX = (min(usual.ILLUMINANCE_LUX), max(usual.ILLUMINANCE_LUX))
 _INDICES = ("camera_index", "moves_index", "illuminant_index", "light_index")
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
 """Ranges, and the one of ``DRAWN`` that each replaces."""

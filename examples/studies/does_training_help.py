@@ -43,7 +43,7 @@ if __name__ == "__main__":
     options = parser.parse_args()
 
     networks = []
-    for arm, augmentation in {"none": None, "kornia": kornias(), "exposure": exposures()}.items():
+    for arm, augmentation in {"none": None, "kornia": kornias(), "exposure": exposures(lit=0)}.items():
         for seed in range(options.seeds):
             path = options.folder / f"{arm}-{seed}.onnx"
             networks.append(path)

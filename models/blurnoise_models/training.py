@@ -20,8 +20,9 @@ from blurnoise._core.writing import write_whole
 from blurnoise_models.network import SIDE_MULTIPLE_PX, SignNet, loss
 from blurnoise_models.scenes import scene
 
-Augmentation = Callable[[Tensor, float], Tensor]
-"""Pictures (B, 3, H, W) in [0, 1] and how much of the training is done, 0 to 1, to pictures of the same shape."""
+Augmentation = Callable[[Tensor, Tensor, float], Tensor]
+"""Pictures (B, 3, H, W) in [0, 1], what in them retroreflects (B, 1, H, W), and how much of the training is done,
+0 to 1, to pictures of the same shape."""
 SCENES_SEED = 1
 """Seed of the training scenes; held-out scenes have another."""
 BATCH = 16
@@ -113,9 +114,9 @@ class Training:
         """Take the steps that are left; returns the network with averaged weights."""
         saved = time.monotonic()
         done = len(self.losses)
-        for step, (seen, boxes) in enumerate(_batches(done, self.steps, size_px), start=done):
+        for step, (seen, returns, boxes) in enumerate(_batches(done, self.steps, size_px), start=done):
             if augmentation is not None:
-                seen = augmentation(seen, step / self.steps)
+                seen = augmentation(seen, returns, step / self.steps)
             self.losses.append(self.learn(seen, boxes))
             self.cycle.step()
             self.average.update_parameters(self.network)
@@ -171,12 +172,13 @@ def _follow(average: Tensor, current: Tensor, updates: Tensor | int) -> Tensor:
     return torch.lerp(average, current, max(1.0 - _MEMORY, 10.0 / (10.0 + int(updates))))
 
 
-def batch(first: int, count: int = BATCH, *, size_px: int = 320) -> tuple[Tensor, Tensor]:
-    """Training scenes ``first``, ``first`` + 1, ...: pictures (B, 3, H, W) in [0, 1], boxes (B, M, 4) xyxy px.
+def batch(first: int, count: int = BATCH, *, size_px: int = 320) -> tuple[Tensor, Tensor, Tensor]:
+    """Training scenes ``first``, ``first`` + 1, ...: pictures (B, 3, H, W) in [0, 1], what in them retroreflects
+    (B, 1, H, W), boxes (B, M, 4) xyxy px.
 
     Rows of boxes are padded with zeros.
 
-    >>> pictures, boxes = batch(0, 2, size_px=64)
+    >>> pictures, returns, boxes = batch(0, 2, size_px=64)
     >>> pictures.shape, boxes.shape[2]
     (torch.Size([2, 3, 64, 64]), 4)
     """
@@ -184,10 +186,11 @@ def batch(first: int, count: int = BATCH, *, size_px: int = 320) -> tuple[Tensor
     pictures = torch.from_numpy(np.stack([each.picture for each in drawn])).permute(0, 3, 1, 2)
     boxes = [torch.from_numpy(each.boxes_xyxy) for each in drawn]
     padded = pad_sequence([*boxes, torch.zeros(1, 4)], batch_first=True)[:-1]  # one row at least
-    return pictures.contiguous().float() / 255.0, padded
+    returns = torch.from_numpy(np.stack([each.retroreflects for each in drawn]))[:, None]
+    return pictures.contiguous().float() / 255.0, returns, padded
 
 
-def _batches(first: int, last: int, size_px: int) -> Iterator[tuple[Tensor, Tensor]]:
+def _batches(first: int, last: int, size_px: int) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """Batches ``first`` to ``last`` - 1; each is drawn while the one before it is learnt."""
     with ThreadPoolExecutor(1) as artist:
         coming = artist.submit(batch, first * BATCH, size_px=size_px)

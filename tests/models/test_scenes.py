@@ -20,9 +20,9 @@ def bare(monkeypatch):
     """Scenes of nothing but signs, and these as plain white octagons on black, straight to 8 bit."""
     full = np.dstack([signs.face_mask(256)] * 4)
     monkeypatch.setattr(compose, "ground", lambda rng, n: np.zeros((n, n, 3), np.float32))
-    monkeypatch.setattr(compose, "_scatter", lambda rng, canvas, spare: None)
+    monkeypatch.setattr(compose, "_scatter", lambda rng, canvas, spare, returns: None)
     monkeypatch.setattr(
-        compose, "_erect", lambda rng, canvas, plane, size: plane.paste(canvas, full, signs.BOX)
+        compose, "_erect", lambda rng, canvas, plane, size: canvas.paste(plane, full, signs.BOX, True)
     )
     monkeypatch.setattr(compose, "_lit", lambda rng, canvas: canvas)
     monkeypatch.setattr(compose, "_developed", lambda rng, canvas: np.rint(canvas * 255).astype(np.uint8))
@@ -51,6 +51,15 @@ def test_other_seeds_indices_and_sizes_give_other_scenes():
     assert not same(one, scene(SEED, 1, size_px=96))
     assert not same(one, scene(SEED + 1, 0, size_px=96))
     assert not same(scene(1, 2, size_px=96), scene(2, 1, size_px=96))
+
+
+def test_signs_retroreflect_unless_something_hides_them():
+    """An octagon takes 0.83 of the square about it; at least three quarters of that must be left."""
+    seen = [scene(SEED, index, size_px=160) for index in range(60)]
+    for one in seen:
+        for x0, y0, x1, y1 in one.boxes_xyxy.round().astype(int).tolist():
+            assert one.retroreflects[y0:y1, x0:x1].mean() > 0.75 * 0.7
+    assert 0 < np.mean([one.retroreflects.any() for one in seen if not len(one.boxes_xyxy)]) < 1
 
 
 @pytest.mark.parametrize("size_px", [64, 97, 320])

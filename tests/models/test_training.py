@@ -1,6 +1,7 @@
 """A miniature training: the loss falls, one that was stopped goes on to the same bits, the export is the network."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ import pytest
 import torch
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_models import training
-from blurnoise_models.augmentation import MOST, InShare, exposures, share_at
+from blurnoise_models.augmentation import MOST, MOST_TIMES, InShare, exposures, share_at
 from blurnoise_models.export import write_onnx
 from blurnoise_models.network import Decoded, SignNet
 from blurnoise_models.training import BATCH, batch, train
 from torch import nn
+
+from blurnoise.camera.colour import linear_from_srgb
 
 SIZE_PX = 96
 SMALL = {"pictures": 320, "size_px": 64, "seed": 3, "threads": 1}
@@ -133,12 +136,13 @@ def test_bad_arguments_are_named(call, message):
 
 
 def test_batches_are_the_scenes_in_their_order():
-    pictures, boxes = batch(5, 3, size_px=64)
+    pictures, returns, boxes = batch(5, 3, size_px=64)
     assert pictures.shape == (3, 3, 64, 64)
     for number in range(3):
         one = training.scene(training.SCENES_SEED, 5 + number, size_px=64)
         shown = (pictures[number].permute(1, 2, 0) * 255).round().byte().numpy()
         assert np.array_equal(shown, one.picture)
+        assert np.array_equal(returns[number, 0].numpy(), one.retroreflects)
         assert np.array_equal(boxes[number][: len(one.boxes_xyxy)].numpy(), one.boxes_xyxy)
     drawn = list(training._batches(0, 2, 64))
     assert torch.equal(drawn[1][0], batch(BATCH, size_px=64)[0])
@@ -165,12 +169,29 @@ def test_every_change_gets_its_share_of_pictures_and_the_rest_stay():
     pictures, count = torch.zeros(4000, 1, 1, 1), 4000
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(1)
-        values = InShare([To(1.0), To(2.0)])(pictures, 0.5).flatten()
-        assert torch.equal(InShare([To(1.0)])(pictures, 0.0), pictures)
+        values = InShare([To(1.0), To(2.0)])(pictures, pictures, 0.5).flatten()
+        assert torch.equal(InShare([To(1.0)])(pictures, pictures, 0.0), pictures)
     for value, chance in ((0.0, 1 - MOST), (1.0, MOST / 2), (2.0, MOST / 2)):
         expected, spread = count * chance, (count * chance * (1 - chance)) ** 0.5
         assert int((values == value).sum()) == pytest.approx(expected, abs=4 * spread)
     assert not pictures.any()
+
+
+def test_headlamps_light_their_share_of_the_changed_pictures():
+    """The brightness of a sign beside the rest is log-uniform, so its logarithm has a mean of half the largest."""
+    count, white = 4000, torch.ones(4000, 1, 1, 2)
+    returns = torch.tensor([1.0, 0.0]).expand(count, 1, 1, 2)
+    with torch.random.fork_rng(devices=[]):
+        torch.default_generator.manual_seed(1)
+        seen = InShare([nn.Identity()], lit=0.25)(white, returns, 0.5)
+    assert seen[..., 0].min() > 1 - 1e-6
+    times = 1 / linear_from_srgb(seen[..., 1].flatten())
+    chance = MOST * 0.25
+    lit = times[times > 1.0001].log()
+    assert len(lit) == pytest.approx(count * chance, abs=4 * (count * chance * (1 - chance)) ** 0.5)
+    largest = math.log(MOST_TIMES)
+    assert float(lit.max()) <= 1.0001 * largest
+    assert float(lit.mean()) == pytest.approx(largest / 2, abs=4 * largest / math.sqrt(12 * len(lit)))
 
 
 def test_exposures_are_dark_at_rest_or_blurred_in_light_by_both_cameras_and_gains():

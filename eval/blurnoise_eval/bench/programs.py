@@ -85,7 +85,7 @@ def augment(*, quick: bool) -> Contest:
 
 
 def _batch(count: int) -> Case:
-    pictures, boxes = training.batch(0, count)
+    pictures, _, boxes = training.batch(0, count)
     ways = [Contender("training step", partial(training.Training(1, {}, None).learn, pictures, boxes))]
     ours: Any = blurnoise.RandomExposure  # of Kornia's classes, which mypy does not follow
     for p in (0.5, 1.0):

@@ -19,9 +19,9 @@ from blurnoise_eval.cli._options import (
     region,
     settings,
 )
-from blurnoise_eval.plan.axes import AXES
+from blurnoise_eval.plan.axes import AXES, with_defaults
 from blurnoise_eval.plan.files import PlanFile
-from blurnoise_eval.plan.plan import SweepPlan, with_defaults
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.settings import Text, nested, setting
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show, width
@@ -48,6 +48,8 @@ class ChartPlan(SweepPlan):
         velocity_y_px_s=(0,),
         gain_db=(0,),
     )
+
+    LIGHTS = ()
 
     repeats: int = setting(2, "number of repeats with other noise (default: 1; 2 for charts)")
 

@@ -10,8 +10,8 @@ Nothing heavy is imported above, because the command line's help is made from th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from blurnoise._core import usual
@@ -290,8 +290,8 @@ AXES: tuple[Axis, ...] = (
     ),
     Axis(
         "illuminance_lux", "illuminance_lux", "--lux", "illuminance of the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
-        "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=(*usual.ILLUMINANCE_LUX.values(),),
-        default_names=(*usual.ILLUMINANCE_LUX,), span=(0.1, 200_000.0),
+        "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=usual.ILLUMINANCE_LUX,
+        span=(0.1, 200_000.0),
     ),
     Axis(
         "illuminant", "illuminant", "--illuminant",
@@ -412,6 +412,11 @@ def axis(name: str) -> Axis:
         if axis.name == name:
             return axis
     raise ValueError(f"axis = {name!r}: must be one of {', '.join(NAMES)}")
+
+
+def with_defaults(axes: Sequence[Axis], **defaults: Iterable[float]) -> tuple[Axis, ...]:
+    """Axes with these defaults, by name, and no others."""
+    return tuple(replace(each, default=tuple(defaults.get(each.name, ())), default_names=()) for each in axes)
 
 
 def named(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator
 
 from blurnoise_eval import label_formats
-from blurnoise_eval.plan.axes import AXES, MOVES, VELOCITY, axis, bounds
-from blurnoise_eval.plan.plan import ExposureSettings, SweepPlan, with_defaults
+from blurnoise_eval.plan.axes import AXES, MOVES, VELOCITY, axis, bounds, with_defaults
+from blurnoise_eval.plan.plan import ExposureSettings, SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.settings import Settings, Text, Texts, as_text, nested, setting
 

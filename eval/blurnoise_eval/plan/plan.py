@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 from annotated_types import Ge, Le
 from pydantic import BeforeValidator
 
+from blurnoise._core import usual
 from blurnoise.light.lights import Light, names_of_lights
 from blurnoise_eval.plan.axes import (
     AUTOMATIC,
@@ -45,7 +46,7 @@ from blurnoise_eval.plan.reading import (
     tone_of,
     trajectory_of,
 )
-from blurnoise_eval.plan.settings import SettingInfo, Settings, late, nested, setting
+from blurnoise_eval.plan.settings import SettingInfo, Settings, default_text, late, nested, setting
 
 if TYPE_CHECKING:
     from blurnoise.camera.colour import PictureTone
@@ -86,6 +87,8 @@ class ExposureSettings(Settings):
     """
 
     AXES: ClassVar[tuple[Axis, ...]] = AXES
+    LIGHTS: ClassVar[tuple[str, ...]] = ()
+    """Names of the lights where neither these nor lux are chosen."""
     PANEL: ClassVar[str] = "Conditions: numbers such as 1,5,10, or a range low:high"
     METAVAR: ClassVar[str] = "LIST"
 
@@ -139,14 +142,17 @@ class ExposureSettings(Settings):
     def _settings(cls) -> Iterator[SettingInfo]:
         for each in cls.AXES:
             names = f": {', '.join(each.default_names)}" if each.default_names else ""
-            default = f" (default: {each.default_text}{names})" if each.default else ""
+            default = default_text(each.default_text, names)
+            if cls.LIGHTS and each.name == LIGHT.name:
+                default = ""  # that of light
             metavar = f"auto|{cls.METAVAR}" if each.automatic else "|".join(each.choices) or cls.METAVAR
             metavar = "NAME,..." if each.prefix else metavar  # of many names, which its line lists
             yield SettingInfo(each.key, str, None, f"{each.about}{default}", metavar, cls.PANEL)
             if each.name != LIGHT.name:
                 continue
             about = f"named lights, each with its spectrum, in place of lux: {', '.join(names_of_lights())}"
-            yield SettingInfo("light", str, None, f"{about}; see 'blurnoise lights'", "NAME,...", cls.PANEL)
+            about += f"; see 'blurnoise lights'{default_text(','.join(cls.LIGHTS))}"
+            yield SettingInfo("light", str, None, about, "NAME,...", cls.PANEL)
         yield from super()._settings()
 
     @classmethod
@@ -158,9 +164,13 @@ class ExposureSettings(Settings):
         chosen = {each: _values(each, values[each.key]) for each in cls.AXES if each.key in values}
         replaced = {name for each in chosen for name in each.without}
         light = values.get("light") or ()
+        if light and LIGHT.key in values:
+            raise ValueError("light, lux: must not be combined; a light has its own lux")
+        if not light and LIGHT.key not in values and cls.LIGHTS:
+            light = cls.LIGHTS
+            if values.get("emitters"):  # which light the targets
+                chosen.setdefault(HEADLAMP, (0.0,))
         if light:
-            if LIGHT.key in values:
-                raise ValueError("light, lux: must not be combined; a light has its own lux")
             replaced.add(LIGHT.name)
         usual = {each: each.default for each in cls.AXES if each.default and each.name not in replaced}
         grid = {each.name: (usual | chosen)[each] for each in cls.AXES if each in usual | chosen}
@@ -234,11 +244,6 @@ def _values(of: Axis, given: Any) -> tuple[float, ...]:
         raise ValueError(f"{of.key} = {shown(given)}: {error}") from None
 
 
-def with_defaults(axes: Sequence[Axis], **defaults: Iterable[float]) -> tuple[Axis, ...]:
-    """Axes with these defaults, by name, and no others."""
-    return tuple(replace(each, default=tuple(defaults.get(each.name, ())), default_names=()) for each in axes)
-
-
 @dataclass(frozen=True, kw_only=True)
 class SweepPlan(ExposureSettings):
     """What a sweep computes: the conditions of a grid, for each picture with ``repeats`` noise fields.
@@ -259,6 +264,8 @@ class SweepPlan(ExposureSettings):
     >>> plan == SweepPlan.of({"exposure_ms": "2,10", "lux": 50, "dx": 0, "gain": "0", "repeats": 2})
     False
     """
+
+    LIGHTS: ClassVar[tuple[str, ...]] = usual.LIGHTS
 
     repeats: int = setting(1, "number of repeats with other noise (default: 1; 2 for charts)")
     objects: ObjectSettings = setting(None, "speeds and boxes of objects, where targets or background move")
@@ -330,6 +337,15 @@ class SweepPlan(ExposureSettings):
             raise ValueError(
                 f"{EGO.name}: ego-motion moves each part of the picture differently; it excludes {', '.join(others)}"
             )
+
+    def for_rendered(self) -> Self:
+        """The plan for rendered signs, whose sizes in px say nothing of their distance.
+
+        Headlamps light them as at :data:`.usual.DISTANCE_M`, unless the plan states another distance.
+        """
+        if not self.beams or self.lit.distance_m is not None:
+            return self
+        return replace(self, lit=replace(self.lit, distance_m=usual.DISTANCE_M))
 
     @property
     def longest_s(self) -> float:
@@ -433,5 +449,5 @@ class SweepPlan(ExposureSettings):
 
 @cache
 def usual_plan() -> SweepPlan:
-    """The conditions that a sweep tests by default, with a noise field for each picture."""
+    """The conditions that a sweep of labelled pictures tests by default, with a noise field for each picture."""
     return SweepPlan.of({})

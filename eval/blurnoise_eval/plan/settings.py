@@ -225,3 +225,8 @@ class Settings:
                 for each in getattr(kind, "__metadata__", ()):
                     if isinstance(each, LateType):
                         yield getattr(import_module(each.module), each.name)
+
+
+def default_text(value: str, names: str = "") -> str:
+    """A default at the end of a line of help: ' (default: 1,10)', or '' without one."""
+    return f" (default: {value}{names})" if value else ""

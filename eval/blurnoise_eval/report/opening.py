@@ -132,11 +132,8 @@ class _OfModel:
             word(axis) for axis in self.axes if len({row.conditions[axis.name] for row in self.lights}) > 1
         ]
         self.lights_noun = "settings" if self.varied[1:] or self.varied[:1] != ["light"] else "lights"
-        usual = dict(zip(LIGHT.default, LIGHT.default_names, strict=True))
-        lights = {lux: light.name for lux, light in lights_of_run(data.manifest).items()}
-        is_usual = {row.conditions[LIGHT.name] for row in self.lights} == usual.keys()
-        self.named = lights or (usual if is_usual else {})
-        """The names of the lights, if the run names them or has the default ones."""
+        self.named = {lux: light.name for lux, light in lights_of_run(data.manifest).items()}
+        """The names of the lights, if the run names them."""
         self.verb = "keep" if data.criterion.kept else "reach"
 
     @property

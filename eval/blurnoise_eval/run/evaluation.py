@@ -113,8 +113,9 @@ def evaluate(
     camera = default_for(pictures.every) if named is None else named
     question = Question() if question is None else question
     check_cluster(question.cluster, (picture.name for picture in pictures.every))
-    plan = usual_plan() if plan is None else plan
     of_pictures = {"rendered": pictures.kind == "rendered", "labelled": pictures.labelled}
+    plan = usual_plan() if plan is None else plan
+    plan = plan.for_rendered() if pictures.kind == "rendered" else plan
     criterion_for(question, reads=not isinstance(opened[0], Detector), **of_pictures)
     check_plan(plan, camera, pictures)
     chosen = _strategy_of(strategy, pictures)(plan, camera)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.writing import check_own_folder, remove, write_whole
-from blurnoise_models.scenes.drawing import Bytes, Easel, Floats, Plane, Points, dim
+from blurnoise_models.scenes.drawing import Bytes, Easel, Floats, Plane, Points, Sprite, dim
 from blurnoise_models.scenes.grounds import ground
 from blurnoise_models.scenes.paint import Draws
 from blurnoise_models.scenes.signs import BOX, octagon, stop_sign, weathered
@@ -33,6 +33,7 @@ LABEL = "stop sign"
 SMALLEST_PX, LARGEST_PX = 16.0, 200.0  # larger side of a sign's box, in a picture of 320 px
 _DESIGN_PX = 320
 _SIGNS = (0.35, 0.8, 0.94, 1.0)  # cumulative shares of scenes with no, one, two, three signs
+_RETROREFLECTING = 1 / 3  # share of the other things, so that bright alone does not mean stop sign
 _LEVELS = 4096  # linear levels between which the tone curve is looked up
 
 
@@ -42,6 +43,8 @@ class DrawnScene:
 
     picture: (H, W, 3) sRGB-coded RGB.
     boxes_xyxy: (n, 4) px, clipped to the picture; n may be 0.
+    retroreflects: (H, W), the share of each pixel that returns the light of headlamps: that of all stop signs, and of
+    every third other thing.
 
     >>> one = scene(seed=1, index=0, size_px=64)
     >>> one.picture.shape, one.boxes_xyxy.shape[1]
@@ -50,6 +53,23 @@ class DrawnScene:
 
     picture: NDArray[np.uint8]
     boxes_xyxy: NDArray[np.float32]
+    retroreflects: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class _Canvas:
+    """What is drawn on: the light (H, W, 3), and in each of three equal planes what retroreflects."""
+
+    light: Floats
+    retroreflects: Floats
+
+    def paste(
+        self, plane: Plane, sprite: Sprite, box: tuple[float, float, float, float], returns: bool
+    ) -> None:
+        """Lay a sprite into the picture, which then returns light there, or hides what does."""
+        plane.paste(self.light, sprite, box)
+        coverage = sprite[..., 3]
+        plane.paste(self.retroreflects, cv2.merge([coverage * np.float32(returns)] * 3 + [coverage]), box)
 
 
 def scene(seed: int, index: int, *, size_px: int = 320) -> DrawnScene:
@@ -65,10 +85,11 @@ def scene(seed: int, index: int, *, size_px: int = 320) -> DrawnScene:
     """
     _check(seed=seed, index=index, size_px=size_px)
     rng, n = Draws(seed, index), size_px
-    canvas = ground(rng, n)
+    canvas = _Canvas(ground(rng, n), np.zeros((n, n, 3), np.float32))
+    boards = Draws(seed, index, 1)  # a stream of its own: a scene's picture does not depend on it
     wanted = int(np.searchsorted(_SIGNS, rng.random()))
     for _ in range(int(rng.exponential(3.0 if wanted else 5.0))):
-        _scatter(rng, canvas, [])
+        _scatter(rng, canvas, [], boards.chance(_RETROREFLECTING))
     boxes: list[Points] = []
     for _ in range(wanted):
         placed = _place(rng, n, boxes)
@@ -77,9 +98,10 @@ def scene(seed: int, index: int, *, size_px: int = 320) -> DrawnScene:
             _erect(rng, canvas, plane, size)
             boxes.append(box)
     for _ in range(int(rng.exponential(1.0))):
-        _scatter(rng, canvas, boxes)
-    picture = _developed(rng, _lit(rng, canvas))
-    return DrawnScene(picture, np.array(boxes, np.float32).reshape(-1, 4))
+        _scatter(rng, canvas, boxes, boards.chance(_RETROREFLECTING))
+    picture = _developed(rng, _lit(rng, canvas.light))
+    boxes_xyxy = np.array(boxes, np.float32).reshape(-1, 4)
+    return DrawnScene(picture, boxes_xyxy, np.ascontiguousarray(canvas.retroreflects[..., 0]))
 
 
 def write_coco(
@@ -158,20 +180,21 @@ def _overlap(box: Points, other: Points) -> float:
     return float(np.prod(np.maximum(sides, 0)) / np.prod(other[2:] - other[:2]))
 
 
-def _erect(rng: Draws, canvas: Floats, plane: Plane, size: float) -> None:
+def _erect(rng: Draws, canvas: _Canvas, plane: Plane, size: float) -> None:
     """Pole and sign, in the sign's plane."""
     n = int(np.clip(2 * size, 48, 256))
     if rng.chance(0.7):
         half = rng.between(0.02, 0.06)
         pole = Easel.blank(64, 8)
         pole.rectangle(0, 0, 1, 1, rng.colour() if rng.chance(0.6) else (150, 152, 154))
-        plane.paste(canvas, weathered(rng, pole.sprite()), (-half, -0.5, half, rng.between(1.0, 2.4)))
-    plane.paste(canvas, stop_sign(rng, n), BOX)
+        sprite = weathered(rng, pole.sprite())
+        canvas.paste(plane, sprite, (-half, -0.5, half, rng.between(1.0, 2.4)), returns=False)
+    canvas.paste(plane, stop_sign(rng, n), BOX, returns=True)
 
 
-def _scatter(rng: Draws, canvas: Floats, spare: list[Points]) -> None:
-    """Put a thing somewhere, but hide no more than a quarter of any box in ``spare``."""
-    n = canvas.shape[0]
+def _scatter(rng: Draws, canvas: _Canvas, spare: list[Points], returns: bool) -> None:
+    """Put a thing somewhere, but hide no more than a quarter of any box in ``spare``. returns: light of headlamps."""
+    n = canvas.light.shape[0]
     size = math.exp(rng.between(math.log(10), math.log(250))) * n / _DESIGN_PX
     x, y = rng.uniform(0, n, 2)
     reach = 0.5 * size * np.array([-1.6, -1.1, 1.6, 1.1])  # most things are no wider than this
@@ -185,7 +208,7 @@ def _scatter(rng: Draws, canvas: Floats, spare: list[Points]) -> None:
     plane = Plane.seen(rng.normal(0, 20), rng.normal(0, 8), turn, rng.between(2.5, 10.0))
     frame = np.array([[-ratio / 2, -0.5], [ratio / 2, -0.5], [ratio / 2, 0.5], [-ratio / 2, 0.5]])
     place = plane.placed(frame, size * max(1.0, ratio), (x, y))
-    place.paste(canvas, sprite, (-ratio / 2, -0.5, ratio / 2, 0.5))
+    canvas.paste(place, sprite, (-ratio / 2, -0.5, ratio / 2, 0.5), returns)
 
 
 def _lit(rng: Draws, canvas: Floats) -> Floats:

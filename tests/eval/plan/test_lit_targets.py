@@ -37,8 +37,16 @@ def test_a_plan_comes_back_from_its_plain_values():
 
 
 def test_plans_without_headlamps_have_the_identity_they_had():
-    assert not {"lit", "ego"} & SweepPlan.of({}).to_dict().keys()
-    assert "headlamp" not in repr(SweepPlan.of({}).conditions()[0])
+    made = SweepPlan.of({"lux": 10})
+    assert not {"lit", "ego"} & made.to_dict().keys()
+    assert "headlamp" not in repr(made.conditions()[0])
+
+
+def test_rendered_signs_stand_where_the_usual_speeds_say_unless_a_plan_says_otherwise():
+    assert SweepPlan.of({}).for_rendered().lit.distance_m == 12.5
+    assert SweepPlan.of({"distance_m": 40}).for_rendered().lit.distance_m == 40.0
+    in_the_dark = SweepPlan.of({"lux": 10})
+    assert in_the_dark.for_rendered() == in_the_dark
 
 
 def test_beams_are_those_of_some_condition():
@@ -62,7 +70,7 @@ def test_a_vehicle_carries_headlamps():
         ({"headlamp": "hi"}, "headlamp = 'hi': must be one of off, low, high"),
         ({**LOW, "lux": "0,1"}, "headlamp: needs lux > 0; moonlight is 0.3"),
         ({**LOW, "emitters": "targets:10"}, "headlamp, emitters: must not both light the targets"),
-        ({"sheeting": "XI"}, "sheeting: needs headlamp"),
+        ({"lux": 10, "sheeting": "XI"}, "sheeting: needs headlamp"),
         ({"headlamp": "off", "distance_m": 40.0}, "distance_m: needs headlamp"),
         (
             {**LOW, "sheeting": "IX"},
@@ -78,7 +86,7 @@ def test_a_vehicle_carries_headlamps():
         ({**LOW, "road_objects": {"sign": 3}}, "road_objects: sign: must be a mapping of width_m"),
         ({**LOW, "road_objects": [1]}, "must be a mapping of classes"),
         (
-            {"vehicle": {"height_m": 1.2}},
+            {"lux": 10, "vehicle": {"height_m": 1.2}},
             "vehicle: needs ego_speed_m_s, the speed of the vehicle, or headlamp",
         ),
     ],

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +16,9 @@ from blurnoise_eval.report.run import RunData
 from blurnoise_eval.scoring.scores import of_models
 from blurnoise_eval.store.columns import UNKNOWN, WithInterval
 from made_runs import THRESHOLD, made_run
+
+from blurnoise._core import usual
+from blurnoise.light.lights import lights_of
 
 GOLDEN = Path(__file__).parents[2] / "data" / "report_words.txt"
 SIGN: dict[str, Any] = {"groups": {"sign": 0.95}}
@@ -66,6 +69,7 @@ ASSUMED = {
     "sources": dict.fromkeys(("f_number", "transmission"), "assumed: x"),
 }
 PHOTOS = {"kind": "coco", "count": 3, "labelled": True, "notes": []}
+LIGHTS = [asdict(light) for light in lights_of(usual.LIGHTS)]
 AXES_OF_FILE = (
     "illuminance_lux", "temperature_c", "f_number", "defocus_radius_px", "gain_db", "moves", "ego_speed_m_s",
 )  # fmt: skip
@@ -78,7 +82,7 @@ CASES: dict[str, tuple[dict[str, Any], Change]] = {
     "one of four is": (SIGN | {"lights_lux": (10.0, 20.0)}, told()),
     "more is kept where it saturates": (BRIGHT, saturating),
     "shorter exposures and longer ones fail": (SIGN | {"lights_lux": (200.0,)}, told()),
-    "the default lights have names": (SIGN | {"lights_lux": LIGHT.default}, told()),
+    "named lights": (SIGN | {"lights_lux": LIGHT.default}, told(plan={"light": LIGHTS})),
     "no targets": ({"groups": {}}, told()),
     "no cell": ({"groups": {}}, lambda data: replace(data, scores=[])),
     "targets that the model does not know": ({"groups": {}}, told(withheld=WITHHELD)),

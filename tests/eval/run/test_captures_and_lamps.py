@@ -13,7 +13,6 @@ from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.files import PlanFile
 from blurnoise_eval.plan.lamps import Lamps
-from blurnoise_eval.plan.plan import usual_plan
 from blurnoise_eval.run.exposing import PictureScene, check_plan, frames, snr_db
 from blurnoise_eval.run.run import Run
 from commands import main
@@ -31,7 +30,7 @@ LIT = {"illuminance_lux": 300.0}
 
 def exposed(image, shown=None, **settings):
     """The scene of a picture under a plan with these settings."""
-    return PictureScene(image, replace(usual_plan(), **settings), shown)
+    return PictureScene(image, replace(SweepPlan.of({"lux": 300}), **settings), shown)
 
 
 def framed(scene, at, camera, seed=3, repeat=0):

@@ -95,7 +95,7 @@ def test_not_told_it_is_the_default_sweep(monkeypatch, tmp_path):
     assert [each.path for each in by_command[0]] == [each.path for each in by_python[0]] == [STOP_SIGN]
     assert by_command[1] == by_python[1] == default_camera(colour=True)
     assert [each.identity for each in by_command[2]] == [each.identity for each in by_python[2]]
-    assert by_command[3] == by_python[3] == usual_plan()
+    assert by_command[3] == by_python[3] == usual_plan().for_rendered()
     assert by_command[-1] == by_python[-1]
     assert by_command[-1]["plan"]
 
