@@ -34,7 +34,7 @@ def places_at(exposures_s: ArrayLike, illuminance_lux: ArrayLike, speed_px_s: fl
     Unlike :func:`blurnoise_eval.answers.plane.places_of`, short exposures and pictures at rest have places of their
     own.
 
-    >>> places_at([0.01, 0.01], [100.0, 200.0], 400.0).tolist()
+    >>> places_at([0.01, 0.01], [100.0, 200.0], 400.0).round(6).tolist()
     [[0.0, 2.0], [1.0, 2.0]]
     """
     exposures = np.log2(np.asarray(exposures_s, float))
