@@ -209,12 +209,16 @@ class Problem:
         return cases, np.asarray((self.scenario.weights(cases) * cases).sum(axis=0))
 
     def objective(self, times_s: Sequence[float]) -> Array:
-        """Objective (L, S) at these exposures; NaN where the run has not tested or the gain is above the limit."""
+        """Objective (L, S) at these exposures; NaN where the run has not tested, where the gain is above the limit,
+        and where lamps flicker that would not at a longer exposure."""
         lights = np.repeat(self.scenario.lights_lux, len(times_s))
         _, values = self.at(lights, np.tile(times_s, len(self.scenario.lights_lux)))
         gains_db = self.gains_db(times_s)
         # A gain of the limit itself is allowed, whatever its last digit.
         allowed = gains_db <= self.limits.gain_max_db + 1e-9
+        if self.limits.mains_hz or self.limits.led:
+            flicker = [[self.limits.avoidable(time, total) for time in times_s] for total in self.totals_s]
+            allowed &= ~np.array(flicker)
         return np.where(allowed, values.reshape(gains_db.shape), np.nan)
 
     def gains_db(self, times_s: Sequence[float]) -> Array:

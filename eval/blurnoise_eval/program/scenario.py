@@ -39,6 +39,7 @@ STEPS_PER_STOP = 8
 _NO_FRAME_RATE = AutoExposure(USUAL.target, frame_rate_hz=1 / 3600)
 _AT_LIMIT_DB = 0.01  # nearer to a limit of the gain, the gain does not show the picture's light
 _ROUNDING = 1e-9  # of quotients of times that are meant to be whole
+_SAME = 1e-3  # of a time in whole periods: files have 66.666 ms for 8 periods of 60 Hz mains
 
 
 @dataclass(frozen=True)
@@ -188,8 +189,9 @@ def _whole(least: float, unit: float) -> float:
 class ExposureLimits(AutoExposure):
     """The limits of a program's exposures: those of automatic exposure, of lamps and of the sensor.
 
-    led: exposures of at least 1/90 s. least_exposure_s: the sensor's shortest. Raises ``ValueError`` naming the
-    field, or the limits that leave no exposure.
+    led: exposures of at least 1/90 s. least_exposure_s: the sensor's shortest. In light so bright that the lamps'
+    shortest exposure saturates, exposures are shorter: it is daylight, or the lamps flicker whatever one does.
+    Raises ``ValueError`` naming the field, or the limits that leave no exposure.
 
     >>> ExposureLimits(mains_hz=50.0).settled(0.025)
     0.02
@@ -222,12 +224,36 @@ class ExposureLimits(AutoExposure):
         return _whole(max(self.row_time_s, self.least_exposure_s), self.row_time_s)
 
     def settled(self, exposure_s: float) -> float:
-        """The longest allowed exposure up to ``exposure_s``; if all are longer, the shortest one."""
-        return self.allowed_s(max(exposure_s, self.shortest_s))
+        """The longest exposure up to ``exposure_s`` that is in whole periods; below one period it stays, from the
+        sensor's shortest on."""
+        return self.allowed_s(max(exposure_s, self.first_s))
+
+    def steady(self, exposure_s: float) -> bool:
+        """Whether lamps look steady at this exposure: none flickers, and none is without a pulse.
+
+        >>> ExposureLimits(mains_hz=50.0).steady(0.02), ExposureLimits(mains_hz=50.0).steady(0.005)
+        (True, False)
+        """
+        # whole lines of the sensor make whole periods a little shorter
+        rounding_s = self.row_time_s + _SAME * exposure_s
+        if exposure_s < self.shortest_s - rounding_s:
+            return False
+        period_s = self._period_s
+        return not period_s or abs(exposure_s - round(exposure_s / period_s) * period_s) <= rounding_s
+
+    def avoidable(self, exposure_s: float, total_s: float) -> bool:
+        """Whether lamps flicker at this exposure although a longer one would not saturate, in light that asks for
+        ``total_s``.
+
+        >>> limits = ExposureLimits(mains_hz=50.0)
+        >>> limits.avoidable(0.001, total_s=0.05), limits.avoidable(0.001, total_s=0.001)
+        (True, False)
+        """
+        return total_s >= self.shortest_s * (1 - _ROUNDING) and not self.steady(exposure_s)
 
     def candidates(self, low_s: float, high_s: float) -> tuple[float, ...]:
         """Allowed exposures from low to high in increasing order, 1/8 stop apart or in whole periods."""
-        longest, first = min(high_s, self.limit_s), max(low_s, self.shortest_s)
+        longest, first = min(high_s, self.limit_s), max(low_s, self.first_s)
         if first > longest * (1 + _ROUNDING):
             return ()
         steps = math.ceil(STEPS_PER_STOP * math.log2(longest / first) - _ROUNDING) if longest > first else 0
