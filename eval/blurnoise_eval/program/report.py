@@ -62,8 +62,7 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
         yield from paragraph(warning, prose)
     yield from paragraph(
         f"Speeds and targets: {problem.scenario.text}. Limits: {', '.join(problem.limits.words)}. The gain of "
-        f"{inputs.metering.camera.name} meters to 18 % of full scale; the pictures have "
-        f"{100 * inputs.metering.mean_light:.1f} % of white on average.",
+        f"{inputs.metering.camera.name} meters to 18 % of full scale; {inputs.metering.pictures}.",
         prose,
     )
     yield ""
@@ -114,7 +113,7 @@ def brightest(program: Program) -> str:
 
     def lux(exposure_s: float) -> str:
         """The light at which this exposure needs no gain."""
-        return f"{_lux(metering.total_s(1.0) / exposure_s, 3)} lux"
+        return f"{_lux(metering.lux_at(exposure_s), 3)} lux"
 
     first_s, lamps_s = program.stages.times_s[0], limits.shortest_s
     long = f"Above {lux(lamps_s)} {milliseconds(lamps_s)} ms are too long: exposures are shorter, and lamps flicker"
