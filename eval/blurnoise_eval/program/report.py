@@ -62,8 +62,7 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
         yield from paragraph(warning, prose)
     yield from paragraph(
         f"Speeds and targets: {problem.scenario.text}. Limits: {', '.join(problem.limits.words)}. The gain of "
-        f"{inputs.metering.camera.name} meters to 18 % of full scale; the pictures have "
-        f"{100 * inputs.metering.mean_light:.1f} % of white on average.",
+        f"{inputs.metering.camera.name} meters to 18 % of full scale; {inputs.metering.pictures}.",
         prose,
     )
     yield ""
@@ -101,7 +100,7 @@ def sentence(program: Program) -> str:
     if program.low is not None and program.high is not None:
         value += f" ({program.low:.3f}-{program.high:.3f})"
     does = reached_text(value, problem.inputs.criterion)
-    start = f"From {lights[0]:.4g} to {lights[-1]:.4g} lux this program {does}."
+    start = f"From {_lux(lights[0])} to {_lux(lights[-1])} lux this program {does}."
     pictures = counted(len(problem.clusters), "picture")
     if program.regret_95 is None:
         return f"{start} {pictures} are too few to say how much better another program could be."
@@ -114,7 +113,7 @@ def brightest(program: Program) -> str:
 
     def lux(exposure_s: float) -> str:
         """The light at which this exposure needs no gain."""
-        return f"{metering.total_s(1.0) / exposure_s:.3g} lux"
+        return f"{metering.lux_at(exposure_s):.3g} lux"
 
     first_s, lamps_s = program.stages.times_s[0], limits.shortest_s
     long = f"Above {lux(lamps_s)} {milliseconds(lamps_s)} ms are too long: exposures are shorter, and lamps flicker"
