@@ -25,8 +25,10 @@ _BINDS = 0.98  # a cap above this share of the time that is asked for does nothi
 
 @dataclass(frozen=True)
 class SpeedEffect:
-    """What the cap changes at one speed, mean over the lights: above 0 it saves, below it loses. low, high: its 95 %
-    interval, paired by picture; None from few pictures."""
+    """What the cap changes at one speed, mean over the lights: above 0 it saves, below it loses.
+
+    speed_px_s: in the scenario's unit. low, high: the 95 % interval, paired by picture; None from few pictures.
+    """
 
     speed_px_s: float
     share: float

@@ -74,10 +74,10 @@ def sentence(limit: ExposureCap) -> str:
 
 def cost(limit: ExposureCap, program_value: float | None, even: bool) -> str:
     """What the cap loses and saves at the slowest and the fastest speed, the gain that it needs, and its shares."""
-    longest = milliseconds(limit.longest_s)
+    longest, unit = milliseconds(limit.longest_s), limit.problem.scenario.speed_unit
     effects = sorted(limit.speeds, key=lambda effect: effect.speed_px_s)
     ends = dict.fromkeys((effects[0], effects[-1]))
-    text = f"Against {longest} ms it {' and '.join(map(_effect, ends))}."
+    text = f"Against {longest} ms it {' and '.join(_effect(end, unit) for end in ends)}."
     darkest = limit.lights[0]
     more = ", the most that the camera has" if darkest.lacks_gain else ""
     text += f" At {darkest.illuminance_lux:.4g} lux the gain is then {darkest.gain_db:.1f} dB{more}."
@@ -87,22 +87,22 @@ def cost(limit: ExposureCap, program_value: float | None, even: bool) -> str:
         )
     if bright := [row for row in limit.lights if row.too_bright]:
         text += f" From {_lux(bright[0].illuminance_lux)} lux on pictures are too bright at the shortest exposure."
-    shares = ", ".join(f"{effect.speed_px_s:.4g} px/s {effect.share:.2g}" for effect in effects)
+    shares = ", ".join(f"{effect.speed_px_s:.4g} {unit} {effect.share:.2g}" for effect in effects)
     given = "equal because none were given; see --speeds" if even else "as given"
     pictures = counted(len(limit.problem.clusters), "picture")
     return f"{text} Shares of the speeds: {shares} ({given}). {pictures}, intervals of 95 %."
 
 
-def _effect(effect: SpeedEffect) -> str:
+def _effect(effect: SpeedEffect, unit: str) -> str:
     """'loses 0.030 (0.010 to 0.050) at 0 px/s'."""
     if effect.difference is None:
-        return f"cannot be judged at {effect.speed_px_s:.4g} px/s"
+        return f"cannot be judged at {effect.speed_px_s:.4g} {unit}"
     verb, sign = ("saves", 1) if effect.difference >= 0 else ("loses", -1)
     within = ""
     if effect.low is not None and effect.high is not None:
         low, high = sorted((sign * effect.low, sign * effect.high))
         within = f" ({low:.3f} to {high:.3f})"
-    where = "at rest" if effect.speed_px_s == 0 else f"at {effect.speed_px_s:.4g} px/s"
+    where = "at rest" if effect.speed_px_s == 0 else f"at {effect.speed_px_s:.4g} {unit}"
     return f"{verb} {sign * effect.difference:.3f}{within} {where}"
 
 
