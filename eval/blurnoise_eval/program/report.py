@@ -123,7 +123,7 @@ def brightest(program: Program) -> str:
 
 def too_bright_above_lux(program: Program) -> float:
     """The light above which pictures are too bright at the first stage."""
-    return program.problem.inputs.metering.total_s(1.0) / program.stages.times_s[0]
+    return program.problem.inputs.metering.lux_at(program.stages.times_s[0])
 
 
 def daylight(program: Program) -> str:
