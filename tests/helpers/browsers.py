@@ -16,6 +16,38 @@ _FLAGS = "--headless --no-sandbox --disable-gpu --no-first-run --disable-dev-shm
 _KEYS = {"ArrowRight": 39, "ArrowLeft": 37, "Enter": 13}
 
 
+_CONTRASTS = """(() => {
+  const numbers = colour => {
+    const context = Object.assign(document.createElement("canvas"), {width: 1, height: 1}).getContext("2d");
+    context.fillStyle = colour;
+    context.fillRect(0, 0, 1, 1);
+    return [...context.getImageData(0, 0, 1, 1).data];
+  };
+  const light = rgb => {
+    const [r, g, b] = rgb.slice(0, 3).map(v => (v /= 255) <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const behind = element => {
+    for (; element; element = element.parentElement) {
+      const found = numbers(getComputedStyle(element).backgroundColor);
+      if (found[3] === 255) return found;
+    }
+    return [255, 255, 255];
+  };
+  return Object.fromEntries([...document.querySelectorAll(SELECTOR)].map((element, index) => {
+    const both = [light(numbers(getComputedStyle(element)[PROPERTY])), light(behind(element))];
+    const text = `${index} ${(element.value || element.textContent).slice(0, 30)}`;
+    return [text, (Math.max(...both) + 0.05) / (Math.min(...both) + 0.05)];
+  }));
+})()"""
+
+
+def contrasts(selector, style="color"):
+    """A script: of every element of a selector the contrast of a colour of its style with what is behind it, from
+    1 to 21, as WCAG 2.2 defines it."""
+    return _CONTRASTS.replace("SELECTOR", json.dumps(selector)).replace("PROPERTY", json.dumps(style))
+
+
 class Tab:
     """A tab of its own browser context, as another visitor has; ``failures``: its errors, ``asked``: URLs it
     asked for."""

@@ -6,6 +6,7 @@ pictures that were dropped into the page.
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,11 +33,13 @@ from blurnoise_eval.explorer.state import (
     with_figures,
 )
 from blurnoise_eval.explorer.subject import Rendered, Subject
-from blurnoise_eval.plan.axes import HEADLAMP, MOVES, NAMES
+from blurnoise_eval.plan.axes import EGO, HEADLAMP, MOVES, NAMES
 from blurnoise_eval.plan.conditions import Cell
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.exposing import Frame
 from blurnoise_eval.run.run import Run
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.rows import CellRow
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 
 MOST_MEGAPIXELS = 24.0
@@ -44,6 +47,8 @@ MOST_MEGAPIXELS = 24.0
 KINDS = ("picture", "camera", "model")
 _DROPPED, _MOST_DROPPED = "dropped-", 4
 """Dropped pictures that are kept, each up to ``MOST_MEGAPIXELS`` in memory."""
+_MOST_TRIED, _NEARLY = 20, 0.95
+"""Pictures of a run among which one is opened, and the part of the best confidence that is nearly as sure."""
 
 
 class Entry(NamedTuple):
@@ -116,7 +121,7 @@ class Catalogue:
         self.base = State(chosen["picture"], chosen["camera"], chosen["model"])
 
     def start(self, query: str | None = None, *, cell: str | None = None) -> State:
-        """The state at the start: that of a query, of the run's cell of an id, or else of a cell in its middle.
+        """The state at the start: that of a query, of the run's cell of an id, or else of the hardest that works.
 
         Raises ``ValueError`` or ``TypeError`` for what is not allowed, or not in the catalogue.
         """
@@ -126,7 +131,7 @@ class Catalogue:
                 raise ValueError("cell: needs a run")
             base = self._of_cell(run.cell(cell_id=cell))
         elif query is None and run and base.camera == OF_RUN:
-            base = self._of_cell(run.cell(image=run.pictures[0], repeat=0))
+            base = self._of_cell(_hardest_that_works(run, base.model.removeprefix(f"{OF_RUN}/")))
         state = State.of_query(query or "", base)
         for kind in KINDS:
             self._entry(kind, getattr(state, kind))
@@ -208,6 +213,30 @@ def _run_of_detectors(folder: Path, images: str | Path | None, *, trust: bool) -
     if any(note["kind"] != "detector" for note in run.setup.models.values()):
         raise ValueError(f"run = {str(folder)!r}: must be a run of detectors, not of text recognisers")
     return run
+
+
+def _hardest_that_works(run: Run, model: str) -> Cell:
+    """Of a picture's cells in which the model is nearly as sure as in its best one, the fastest and then the darkest;
+    of the first picture in which it finds something."""
+    for image in list(run.pictures)[:_MOST_TRIED]:
+        with run.store as store:
+            rows = [*queries.cells_with(store, clean=0, image=image, repeat=0)]
+        own = [row for row in rows if row.model == model and (row.detection_rate or 0.0) > 0]
+        best = max((row.target_confidence or 0.0 for row in own), default=0.0)
+        if best > 0:
+            sure = (row for row in own if (row.target_confidence or 0.0) >= _NEARLY * best)
+            return run.setup.cell_of(max(sure, key=_hardness))
+    return run.cell(image=run.pictures[0], repeat=0)
+
+
+def _hardness(row: CellRow) -> tuple[float, ...]:
+    at = row.conditions
+    return (
+        at[EGO.name] or 0.0,
+        math.hypot(*at.velocity_px_s),
+        -at.illuminance_lux,
+        row.target_confidence or 0.0,
+    )
 
 
 def tested_values(run: Run) -> dict[str, list[float]]:

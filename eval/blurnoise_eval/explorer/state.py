@@ -46,8 +46,8 @@ _STEPS = 200  # of a slider
 
 
 def start() -> Conditions:
-    """Conditions at dusk with some motion, and the gain set by the camera."""
-    return Conditions(exposure_s=0.02, illuminance_lux=2.0, velocity_x_px_s=1000.0, gain_db=AUTOMATIC)
+    """Conditions at dusk with some motion, in which the usual detector works, and the gain set by the camera."""
+    return Conditions(exposure_s=0.005, illuminance_lux=5.0, velocity_x_px_s=1000.0, gain_db=AUTOMATIC)
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class State:
         """The text behind the question mark of a URL: all conditions, and whatever else differs from ``base``.
 
         >>> State(seed=3).query(State())
-        'exposure-ms=20&lux=2&dx=1000&dy=0&gain=auto&seed=3'
+        'exposure-ms=5&lux=5&dx=1000&dy=0&gain=auto&seed=3'
         """
         parts = [
             (key(axis), OWN if value is None else text_of(axis, value))

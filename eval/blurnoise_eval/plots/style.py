@@ -92,11 +92,13 @@ def spread(values: Iterable[T], count: int) -> list[T]:
     return [every[round(i)] for i in np.linspace(0, len(every) - 1, count)]
 
 
-def line_colours(name: str, count: int) -> list[str]:
-    """``count`` hex colours of a map from dark to bright, without its brightest sixth.
+def line_colours(name: str, count: int, *, dark: bool = False) -> list[str]:
+    """``count`` hex colours of a map from dark to bright, without its brightest sixth; on dark paper without its
+    darkest two fifths.
 
-    >>> line_colours("viridis", 2)
-    ['#440154', '#95d840']
+    >>> line_colours("viridis", 2), line_colours("viridis", 2, dark=True)
+    (['#440154', '#95d840'], ['#2a788e', '#fde725'])
     """
-    even = matplotlib.colormaps[name](np.linspace(0, 0.84, count) if count != 1 else [0.35])
+    first, last, alone = (0.4, 1.0, 0.6) if dark else (0.0, 0.84, 0.35)
+    even = matplotlib.colormaps[name](np.linspace(first, last, count) if count != 1 else [alone])
     return [str(matplotlib.colors.to_hex(colour)) for colour in even]

@@ -189,8 +189,9 @@ def numbers(data: RunData, groups: list[str]) -> Row:
         "threshold": data.criterion.level,
         "axes": [
             {"word": word(each.axis), "title": axis_label(each.axis)}
-            | {"texts": each.texts, "x": each.x, "count": each.count}
+            | {"texts": each.texts, "short": each.short or each.texts, "x": each.x, "count": each.count}
             | {"colours": line_colours("viridis" if index else "plasma", each.count)}
+            | {"by_night": line_colours("viridis" if index else "plasma", each.count, dark=True)}
             for index, each in enumerate(data.axes)
         ],
         "measures": measures,

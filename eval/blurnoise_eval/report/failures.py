@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import groupby
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -20,8 +20,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise_eval.answers.recommendation import SATURATED
 from blurnoise_eval.datasets import Picture, eight_bit
 from blurnoise_eval.plan.axes import EXPOSURE, velocity_text
+from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.page import FAILURES, PICTURE_PX, TEMPLATES, jpeg, write_page
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import TestedSettings, word
@@ -75,12 +77,13 @@ class _Model(NamedTuple):
 
 class _OpeningView(NamedTuple):
     """What the page opens with: a model, the places of A and B, targets found at A alone, the greatest loss
-    first."""
+    first. teaches: how much there is to see, greater is better."""
 
     model: int
     a: int
     b: int
     lost: list[int]
+    teaches: tuple[float, ...]
 
 
 def write_failures(store: Store, data: RunData, folder: Path, run: PicturesOfRun) -> Path:
@@ -88,15 +91,16 @@ def write_failures(store: Store, data: RunData, folder: Path, run: PicturesOfRun
 
     What the limits above leave out, and pictures that cannot be opened, are named on the page.
     """
-    tested = _conditions(store, data.model_names)
+    tested = _conditions(store, data)
     models = [_model(store, name, tested, data.found_from) for name in data.model_names]
     changes: dict[str, int] = {}
     for model in models:
         for row, change in zip(model.targets, _changes(model.codes).tolist(), strict=True):
             changes[row.image] = max(changes.get(row.image, 0), change)
     names = sorted(changes, key=lambda name: -changes[name])
-    views = (view for number, model in enumerate(models) for view in _views(number, model.codes, tested))
-    opening = max(views, key=lambda view: len(view.lost), default=None)
+    shares = {(row.model, row.conditions): row.saturated_share or 0.0 for row in data.exposed_scores}
+    views = (view for number, model in enumerate(models) for view in _views(number, model, tested, shares))
+    opening = max(views, key=attrgetter("teaches"), default=None)
     sizes, (pictures, unopened) = store.pictures(), _pictures(run, names)
     page = folder / FAILURES
     # A page that shows pictures is worth more than a new one without: the data set may be on another machine now.
@@ -137,16 +141,16 @@ def _pictures_of(page: Path) -> int:
     return int(said[1]) if said else 0
 
 
-def _conditions(store: Store, models: Sequence[str]) -> _TestedConditions:
+def _conditions(store: Store, data: RunData) -> _TestedConditions:
     recorded = {
         (columns.conditions[condition], repeat)
-        for columns in (queries.target_columns(store, model) for model in models)
+        for columns in (queries.target_columns(store, model) for model in data.model_names)
         for condition, repeat in set(zip(columns.condition.tolist(), columns.repeat.tolist(), strict=True))
     }
     exposed = [(at, repeat) for at, repeat in recorded if not at.original]
     axes: list[tuple[str, Any, Any]] = [("exposure", lambda key: key[0].exposure_s, EXPOSURE.text)]
     axes += [("speed", lambda key: key[0].velocity_px_s, velocity_text)]
-    settings = TestedSettings(at for at, _ in exposed)
+    settings = TestedSettings((at for at, _ in exposed), lights_of_run(data.manifest))
     for axis in settings.axes:
         axes.append(
             (word(axis), lambda key, name=axis.name: key[0][name], partial(settings.value_text, axis))
@@ -208,20 +212,33 @@ def _packed(model: _Model, number_of: Mapping[str, int]) -> Row:
     return {"groups": groups, "labels": labels, "targets": targets, "codes": codes}
 
 
-def _views(number: int, codes: Codes, tested: _TestedConditions) -> Iterator[_OpeningView]:
-    """For each light and speed the exposure at which most targets are found, against the longest other one."""
+def _views(
+    number: int, model: _Model, tested: _TestedConditions, saturated: Mapping[tuple[str, AxisValues], float]
+) -> Iterator[_OpeningView]:
+    """For each light and speed the exposure at which most targets are found, against each other one."""
     at: dict[Places, list[int]] = {}
     for index, places in enumerate(tested.places):
         if places is not None:
             at.setdefault(places[1:], []).append(index)
-    found, known = codes % 2 == 1, codes != _NONE
+    codes = model.codes.astype(int)
+    found, known = codes % 2 == 1, model.codes != _NONE
+    found &= known
     for same in at.values():
-        a = max(same, key=lambda index: int((found & known)[index].sum()))
-        # Exposures are in ascending order, so this is the longest one that is not A.
-        b = next((index for index in reversed(same) if index != a), None)
-        if b is not None:
-            order = np.argsort(codes[b].astype(int) - codes[a], kind="stable")
-            yield _OpeningView(number, a, b, order[(found[a] & known[a] & ~found[b])[order]].tolist())
+        # Of exposures that find as many, the one that is surest of them.
+        a = max(same, key=lambda index: (int(found[index].sum()), int(codes[index][found[index]].sum())))
+        for b in same:
+            if b == a:
+                continue
+            lost = found[a] & known[b] & ~found[b]
+            order = np.argsort(codes[b] - codes[a], kind="stable")
+            at_a, at_b = tested.keys[a][0], tested.keys[b][0]
+            # A white picture says only that it is white. Motion blur by night is what an exposure is chosen against:
+            # so a longer one comes before a shorter one, the dark before the bright, and of these the nearest.
+            white = max(saturated.get((model.name, each), 0.0) for each in (at_a, at_b))
+            count, step = int(lost.sum()), (tested.places[b] or (0,))[0] - (tested.places[a] or (0,))[0]
+            dark = -at_a.illuminance_lux
+            teaches = count > 0, white <= SATURATED, step > 0, min(count, 2), dark, count, -abs(step)
+            yield _OpeningView(number, a, b, order[lost[order]].tolist(), teaches)
 
 
 def _pictures(run: PicturesOfRun, names: Sequence[str]) -> tuple[dict[str, str], list[str]]:

@@ -79,7 +79,7 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
             line = sorted(panels[key].get(place, ()), key=itemgetter(0))
             _draw_line(axes, line, style, colour, of_lines["texts"][place], bands=view["bands"])
         model, group, at = key
-        texts = [tested[axis]["texts"][place] for axis, place in zip(view["panels"], at, strict=True)]
+        texts = [tested[axis]["short"][place] for axis, place in zip(view["panels"], at, strict=True)]
         n_targets = max(point[-1] for line in panels[key].values() for point in line)
         titles = [short_text(data.model_names[model], 36)] * (len(data.model_names) > 1)
         titles += [short_text(groups[group], 36), " · ".join([*texts, f"n = {n_targets}"])]
@@ -88,6 +88,11 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
             _draw_windows(axes, numbers, key, colours)
     texts = [tested[axis]["texts"][place] for axis, place in held.items() if tested[axis]["count"] > 1]
     notes = [f"At {' · '.join(texts)}."] * bool(texts)
+    width = int(_LETTERS_PER_INCH * figure.get_size_inches()[0])
+    for index, axis in enumerate(view["panels"]):
+        drawn_there = sorted({key[2][index] for key in keys})
+        long, short = ([tested[axis][form][place] for place in drawn_there] for form in ("texts", "short"))
+        notes += wrap(f"{'; '.join(long)}.", width) * (long != short)
     known = {answer.group for answer in data.answers}
     parts = ("groups of targets", len(groups), len(known)), ("panels", len(keys), len(panels))
     for what, count, of in (*parts, ("lines", len(shown), len(every))):
@@ -95,7 +100,7 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
     handles, title = grid[0].get_legend_handles_labels()[0], of_lines["word"].capitalize()
     if view["along"] == EXPOSURES:
         handles.append(Patch(color="0.5", alpha=0.2, label="works at every speed"))
-    reading = wrap(view["reading"], int(_LETTERS_PER_INCH * figure.get_size_inches()[0]))
+    reading = wrap(view["reading"], width)
     figure.supxlabel("\n".join([view["title"], *notes, *reading]), fontsize=9)
     figure.supylabel(f"{numbers['measures'][0]['name']} (dashed: the criterion)", fontsize=9)
     legend_above(figure, handles, title, 3 if len(keys) == 1 else 6)

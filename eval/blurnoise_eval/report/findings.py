@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from blurnoise_eval.plan.axes import AXES, LIGHT
 from blurnoise_eval.plan.conditions import reflectance_text
 from blurnoise_eval.report.run import RunData
-from blurnoise_eval.report.words import counted
+from blurnoise_eval.report.words import counted, joined
 
 MAX_LISTED = 8  # lines of one kind of warning
 MAX_VALUE_CHARACTERS = 240
+FEW_ASSUMED = 3
+"""So many names stand in a sentence; more are counted."""
+OF_LIGHT = ("f number", "transmission", "quantum efficiency")
+"""Figures of a camera to which the light on the sensor is proportional, or to their square."""
+OF_NOISE = ("noise", "dark", "prnu", "dsnu", "black level", "photon transfer")
+"""What the names of figures of noise have in common."""
 
 
 def alarms(data: RunData) -> list[str]:
@@ -51,7 +57,37 @@ def warnings(data: RunData) -> list[str]:
 
 
 def assumptions(data: RunData) -> list[str]:
-    """What was assumed: a line for each model, for the camera and for the pictures.
+    """What was assumed, in sentences: a line for each model, for the camera and for the pictures."""
+    camera = data.manifest["camera"]
+    lines = [
+        f"{part}: assumed {', '.join(names)}"
+        if len(names) <= FEW_ASSUMED
+        else _assumed_of(part, names, camera)
+        for part, names in assumed(data).items()
+    ]
+    light = None if data.manifest.get("grey_anchor") else reflectance(data)
+    return lines + [f"pictures: {light}"] * bool(light)
+
+
+def _assumed_of(part: str, names: Sequence[str], camera: Mapping[str, Any]) -> str:
+    """How many figures are assumed, and what they change."""
+    if part != camera.get("name", "camera"):
+        return f"{part}: {len(names)} settings are assumed."
+    light = [name for name in names if name in OF_LIGHT]
+    noise = [name for name in names if any(word in name for word in OF_NOISE)]
+    known = sum(bool(source) for _, _, source, _ in sourced(camera))
+    text = f"{part}: {len(names)} of {known} figures are assumed, as no source gives them."
+    if light:
+        text += f" An error of {joined(light)} shifts every exposure."
+    others = len(names) - len(light) - len(noise)
+    verbs = {1: "1 is"}
+    of = [f"{verbs.get(len(noise), f'{len(noise)} are')} of noise, which counts in the dark"] * bool(noise)
+    of += [f"{verbs.get(others, f'{others} are')} of gain, colour or lens"] * (others > 0)
+    return text + f" Of the others, {', and '.join(of)}." * bool(of)
+
+
+def assumed(data: RunData) -> dict[str, list[str]]:
+    """The names of what was assumed, by model and camera.
 
     These are the fields of contracts and camera whose source says so, without those that the sweep varied.
     """
@@ -66,14 +102,13 @@ def assumptions(data: RunData) -> list[str]:
         )
     }
     parts = [(model["name"], model["contract"], set[str]()) for model in data.manifest["models"]]
-    lines = []
+    found: dict[str, list[str]] = {}
     for part, fields, given in [*parts, (camera.get("name", "camera"), camera, swept_over)]:
         # What the sweep varied was not assumed, whatever the source of the camera's own figure says.
-        names = [name for name, _, _, assumed in sourced(fields) if assumed and name not in given]
+        names = [name for name, _, _, guessed in sourced(fields) if guessed and name not in given]
         if names:
-            lines.append(f"{part}: assumed {', '.join(names).replace('_', ' ')}")
-    light = None if data.manifest.get("grey_anchor") else reflectance(data)
-    return lines + [f"pictures: {light}"] * bool(light)
+            found[part] = [name.replace("_", " ") for name in names]
+    return found
 
 
 def reflectance(data: RunData) -> str | None:

@@ -22,9 +22,10 @@ from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
 from blurnoise_eval.plots.annotate import OTHER_SCORE, drawn_example
-from blurnoise_eval.report import charts, figures, findings, tables, words
+from blurnoise_eval.report import charts, figures, findings, first_screen, tables, words
 from blurnoise_eval.report.opening import opening
 from blurnoise_eval.report.run import TABLES, RunData
+from blurnoise_eval.store.rows import Example
 from blurnoise_eval.system.files import path_within, write_whole
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -51,7 +52,7 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
         progress(1)
     for name, png in drawn.items():
         write_whole(folder / "figures" / name, png)
-    page = folder / "report.html"
+    page, first = folder / "report.html", opening(data)
     write_page(
         page,
         TEMPLATES / "report.html.j2",
@@ -59,7 +60,10 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
         findings=findings,
         tables=tables,
         words=words,
-        opening=opening(data),
+        opening=first,
+        main_figure=first_screen.main_figure(data, first.model),
+        size=(first_screen.WIDTH, first_screen.HEIGHT),
+        pair=[_shown(data, folder, each, short=True) for each in first_screen.pair(data, first.model)],
         groups=groups,
         numbers=numbers,
         examples=list(_examples(data, folder)),
@@ -100,20 +104,25 @@ def _png(figure: Figure) -> bytes:
 
 
 def _examples(data: RunData, folder: Path) -> Iterator[dict[str, Any]]:
-    """The example pictures as JPEG data, evenly chosen, each with its caption and file."""
-    threshold, home = data.found_from, folder.absolute()
+    """The example pictures, evenly chosen."""
     for example in data.spread_examples(MAX_PICTURES):
-        picture = drawn_example(example.path, example.detections, example.targets, PICTURE_PX, threshold)
-        path = example.path.absolute()
-        near = path.is_relative_to(home)
-        yield {
-            "image": example.cell.image,
-            "model": data.model_names.index(example.cell.model),
-            "jpeg": None if picture is None else jpeg(picture),
-            "condition": data.settings.condition_text(example.cell),
-            "outcome": words.outcome_text(example, threshold),
-            "file": quote(path.relative_to(home).as_posix(), errors="surrogateescape") if near else None,
-        }
+        yield _shown(data, folder, example)
+
+
+def _shown(data: RunData, folder: Path, example: Example, *, short: bool = False) -> dict[str, Any]:
+    """An example picture as JPEG data, with its caption and file."""
+    threshold = data.found_from
+    picture = drawn_example(example.path, example.detections, example.targets, PICTURE_PX, threshold)
+    path, home = example.path.absolute(), folder.absolute()
+    near = path.is_relative_to(home)
+    return {
+        "image": example.cell.image,
+        "model": data.model_names.index(example.cell.model),
+        "jpeg": None if picture is None else jpeg(picture),
+        "condition": data.settings.condition_text(example.cell, short=short),
+        "outcome": words.outcome_text(example, threshold),
+        "file": quote(path.relative_to(home).as_posix(), errors="surrogateescape") if near else None,
+    }
 
 
 def jpeg(rgb: Any) -> str:

@@ -119,8 +119,11 @@ class RunData:
         )
 
     def _tested(self, axis: Axis, values: Sequence[float]) -> Tested:
-        texts = tuple(self.settings.value_text(axis, value) for value in values)
-        return replace(Tested.of(axis, values), texts=texts)
+        texts, short = (
+            tuple(text(axis, value) for value in values)
+            for text in (self.settings.value_text, self.settings.short_text)
+        )
+        return replace(Tested.of(axis, values), texts=texts, short=short)
 
     @cached_property
     def _places(self) -> list[dict[Any, int]]:

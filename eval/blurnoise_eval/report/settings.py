@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from blurnoise.light.lights import Light
 from blurnoise_eval.plan.axes import (
     BLUR,
     EGO,
@@ -33,7 +34,8 @@ class Tested:
 
     values: what was tested, as rows have it, of velocities (x, y) px/s. x: where each is drawn, in the axis's unit;
     side by side (0, 1, ...), hence ``named``, where they are names or left to the camera. count: so many of them are
-    of the grid; exposures beyond them refine a few conditions only.
+    of the grid; exposures beyond them refine a few conditions only. short: the texts without what goes
+    with them, where there is something.
     """
 
     axis: Axis | Coordinate
@@ -42,6 +44,7 @@ class Tested:
     texts: tuple[str, ...]
     count: int
     named: bool = False
+    short: tuple[str, ...] = ()
 
     @staticmethod
     def of(axis: Axis, values: Iterable[float], count: int | None = None) -> Tested:
@@ -67,8 +70,8 @@ class TestedSettings:
     text of what does not vary, '25 °C · f/2.8'. names: of lights by lux, with what goes with them.
     """
 
-    def __init__(self, conditions: Iterable[AxisValues], names: Mapping[float, object] = {}) -> None:
-        every = list(conditions)
+    def __init__(self, conditions: Iterable[AxisValues], names: Mapping[float, Light] = {}) -> None:
+        every, self._names = list(conditions), names
         values = {axis: {at[axis.name] for at in every} for axis in SETTING_AXES}
         of_lux = {at[LIGHT.name]: at for at in every}
         several = [axis for axis in values if axis is LIGHT or len(values[axis]) > 1]
@@ -91,6 +94,11 @@ class TestedSettings:
         """A value on an axis; of the light with all that goes with it, 'street: 1 lux, led-4000, low beam'."""
         return self._lights.get(value, axis.text(value)) if axis is LIGHT else axis.text(value)
 
+    def short_text(self, axis: Axis, value: float) -> str:
+        """A value by what tells it from others, 'street, 1 lux': the light's spectrum and headlamps go with it."""
+        named = axis is LIGHT and value in self._names
+        return f"{self._names[value].name}, {axis.text(value)}" if named else axis.text(value)
+
     def of(self, conditions: AxisValues) -> Setting:
         """The setting of some conditions."""
         return tuple(conditions[axis.name] for axis in self.axes)
@@ -101,10 +109,11 @@ class TestedSettings:
             self.value_text(axis, value) for axis, value in zip(self.axes, setting, strict=True)
         )
 
-    def condition_text(self, cell: CellRow) -> str:
+    def condition_text(self, cell: CellRow, *, short: bool = False) -> str:
         """'5 ms · 100 lux · 400 px/s · blur 2 px', what else varies before the blur; or 'original picture'.
 
-        Before a camera that drives every place has another blur: '5 ms · 100 lux · 50 km/h'.
+        Before a camera that drives every place has another blur: '5 ms · 100 lux · 50 km/h'. short: lights
+        without what goes with them.
         """
         at = cell.conditions
         if at.original:
@@ -112,7 +121,7 @@ class TestedSettings:
         further = [axis.text(at[axis.name]) for axis in self.further]
         if not at[EGO.name]:
             further = [velocity_text(at.velocity_px_s), *further, BLUR.text(cell.blur_px or 0.0)]
-        light = self.value_text(LIGHT, at.illuminance_lux)
+        light = (self.short_text if short else self.value_text)(LIGHT, at.illuminance_lux)
         return " · ".join([EXPOSURE.text(at.exposure_s), light, *further])
 
 

@@ -25,7 +25,7 @@ MOVED = (
 
 
 def test_a_query_says_a_state():
-    assert USUAL.query(USUAL) == "exposure-ms=20&lux=2&dx=1000&dy=0&gain=auto"
+    assert USUAL.query(USUAL) == "exposure-ms=5&lux=5&dx=1000&dy=0&gain=auto"
     for base in (USUAL, replace(MOVED, figures=())):
         for state in (USUAL, MOVED, MOVED.put("moves", None)):
             assert State.of_query(state.query(base), base) == state

@@ -35,14 +35,14 @@ def signs():
 def test_numbers_are_those_of_their_formulas(signs):
     numbers = rendered(STATE.put("gain_db", 0.0).put("velocity_y_px_s", 750.0), signs).numbers
     values = {name: value for name, (_, value, _) in numbers.items()}
-    white_e = photoelectrons(CAMERA, 2.0, 0.02)
+    white_e = photoelectrons(CAMERA, 5.0, 0.005)
     grey_e = 0.18 * white_e
-    dark_dn2 = CAMERA.sensor.dark_variance_dn2(CAMERA.sensor.dark_current_e_s * 0.02)
+    dark_dn2 = CAMERA.sensor.dark_variance_dn2(CAMERA.sensor.dark_current_e_s * 0.005)
     noise_e = math.sqrt(grey_e + dark_dn2 / CAMERA.sensor.system_gain_dn_per_e**2)
     assert values["white_electrons"] == pytest.approx(white_e)
-    assert values["blur_px"] == pytest.approx(0.02 * 1250)
+    assert values["blur_px"] == pytest.approx(0.005 * 1250)
     assert values["snr_db"] == pytest.approx(20 * math.log10(grey_e / noise_e), abs=0.05)
-    assert (values["exposure_ms"], values["gain_db"], values["clipped_percent"]) == (20.0, 0.0, 0.0)
+    assert (values["exposure_ms"], values["gain_db"], values["clipped_percent"]) == (5.0, 0.0, 0.0)
     bright = rendered(STATE.put("illuminance_lux", 500.0).put("gain_db", 0.0), signs)
     assert 0 < bright.numbers["clipped_percent"][1] == 100 * bright.frame.saturated
 

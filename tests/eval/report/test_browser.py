@@ -93,7 +93,7 @@ def test_three_models_side_by_side(looked_at):
         assert start["written"]
         assert all(text.endswith("?") for text in start["written"])
         # no name became markup
-        assert (look["images"], look["bold"], look["title"]) == (9, 0, "Exposure sweep")
+        assert (look["images"], look["bold"], look["title"]) == (9 + 2, 0, "Exposure sweep")
         assert look["tap"] >= (40 if width < 640 else 28)
 
 
@@ -110,3 +110,40 @@ def test_every_axis_is_drawn_over_and_mapped(looked_at):
         # one per exposure; at one speed, light, temperature
         assert (both["lines"], both["marks"]) == (4, 4 * 3)
         assert (both["tiles"], both["map"]) == (4 * 2, ["Exposure / ms", "Sensor temperature / °C"])
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_figures_and_numbers_are_readable_by_day_and_by_night(tmp_path, monkeypatch, scheme):
+    """WCAG 2.2: 4.5 of text (1.4.3), 3 of lines (1.4.11); the brightest line of three is between."""
+    monkeypatch.setattr(figures, "figures_of", lambda *_: {})
+    page = write_report(made_run(tmp_path, speeds=(0.0, 200.0, 600.0)), tmp_path)
+    with browsers.browser() as browser:
+        tab = browser.tab()
+        tab.call(
+            "Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False
+        )
+        tab.open(page.as_uri())
+        tab.until("document.querySelectorAll('.plot .trace').length > 1")
+        # the charts follow when the system changes, too
+        tab.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        paper = "getComputedStyle(document.body).backgroundColor"
+        chart = "getComputedStyle(document.querySelector('.curve .main-svg')).backgroundColor"
+        tab.until(f"{chart} === {paper}")
+        for selector in (
+            "p, td, th, li, summary, select, figcaption, .legend span",
+            ".drawing text",
+            ".xtitle",
+        ):
+            texts = tab.run(browsers.contrasts(selector, "color" if selector[0] == "p" else "fill"))
+            assert texts
+            assert {text: ratio for text, ratio in texts.items() if ratio < 4.5} == {}
+        least = 3.0 if scheme == "dark" else 1.7
+        for lines in (".drawing polyline", ".curve .js-line"):
+            ratios = tab.run(browsers.contrasts(lines, "stroke"))
+            assert ratios
+            assert min(ratios.values()) >= least, ratios
+        first = tab.run("(() => { const box = document.querySelector('.first aside').getBoundingClientRect(); "
+                        "return [box.left, box.top, box.bottom]; })()")  # fmt: skip
+        assert first[0] > 640  # beside the answer
+        assert 0 < first[1] < first[2] <= 900  # on the first screen
+        tab.close()

@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from blurnoise_eval.report import failures
 from blurnoise_eval.run.run import Run
+from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.store import Store
 from read_pages import Page
 from squares_seen import SIZE_PX, SQUARES, squares_run
@@ -105,7 +106,7 @@ def test_boxes_and_pictures_are_the_original_ones(run, numbers):
         assert np.abs(small.astype(int) - real).mean() < 4, name
 
 
-def test_the_opening_compares_the_best_exposure_with_the_longest(numbers, targets):
+def test_the_opening_begins_with_the_exposure_that_finds_most(numbers, targets):
     model, a, b = numbers["opening"]
     at_a, at_b = numbers["conditions"][a], numbers["conditions"][b]
     assert at_a[1:] == at_b[1:]
@@ -113,9 +114,46 @@ def test_the_opening_compares_the_best_exposure_with_the_longest(numbers, target
     exposed = exposed.assign(found=exposed["confidence"] >= FOUND)
     counts = exposed.groupby(["velocity_x_px_s", "exposure_s"])["found"].sum()
     speed, exposures = (0.0, 2000.0)[at_a[1]], (0.0005, 0.002, 0.008)
-    assert counts[speed, exposures[at_a[0]]] == counts[speed].max()
-    assert at_b[0] == (2 if at_a[0] != 2 else 1)
+    assert counts[speed, exposures[at_a[0]]] == counts[speed].max() > counts[speed, exposures[at_b[0]]]
     assert model == 0
+
+
+FOUND_AT_3_MS = {(3, 1): 4, (30, 1): 3, (3, 400): 4, (30, 400): 1, (3, 20000): 4, (30, 20000): 0}
+"""Of four targets, by ms and lux."""
+
+
+@pytest.mark.parametrize(
+    ("found", "white", "opens"),
+    [
+        (
+            FOUND_AT_3_MS,
+            {(30, 20000): 0.9},
+            (3, 30, 400),
+        ),  # two lost say more than one, and white says nothing
+        (FOUND_AT_3_MS | {(30, 1): 2}, {(30, 20000): 0.9}, (3, 30, 1)),  # the darker of two that lose enough
+        (FOUND_AT_3_MS | {(0.3, 1): 0, (30, 1): 2}, {(30, 20000): 0.9}, (3, 30, 1)),  # blur, before darkness
+        ({(3, 1): 0, (0.3, 1): 0, (3, 400): 4, (0.3, 400): 3, (0.03, 400): 0}, {}, (3, 0.03, 400)),
+        (
+            {(3, 20000): 4, (30, 20000): 0},
+            {(30, 20000): 0.9},
+            (3, 30, 20000),
+        ),  # white where there is nothing else
+    ],
+)
+def test_the_opening_teaches(found, white, opens):
+    """Motion blur by night rather than a white picture by day."""
+    exposures, lights = (sorted({at[axis] for at in found}) for axis in (0, 1))
+    conditions = [AxisValues.of({"exposure_s": ms / 1e3, "illuminance_lux": lux}) for ms, lux in found]
+    places: list[Any] = [(exposures.index(ms), lights.index(lux)) for ms, lux in found]
+    codes = [[2 * 900 + 1] * n + [2 * 100] * (4 - n) for n in found.values()]
+    model = failures._Model("model", [], np.array(codes, np.uint16), 0)
+    tested = failures._TestedConditions([], [(at, 0) for at in conditions], places)
+    shares = {("model", at): white.get(key, 0.0) for at, key in zip(conditions, found, strict=True)}
+    view = max(failures._views(0, model, tested, shares), key=lambda each: each.teaches)
+    (ms_a, lux), (ms_b, same) = list(found)[view.a], list(found)[view.b]
+    assert (ms_a, ms_b, lux) == opens
+    assert lux == same
+    assert len(view.lost) == found[ms_a, lux] - found[ms_b, lux]
 
 
 def test_crops_show_the_target_as_the_model_saw_it(numbers, run, targets):

@@ -76,3 +76,19 @@ def test_a_further_axis_has_a_figure_of_its_own(tmp_path):
     assert list(figure.axes[0].get_xticks()) == [1.4, 2.0, 2.8]
     assert figure.get_supxlabel().splitlines()[:2] == ["f-number", "At 600 px/s."]
     assert _drawn(data, "temperature").axes[0].get_title() == "stop sign 100 px\n10 lux · f/1.4 · n = 12"
+
+
+def test_panels_name_their_lights_and_the_caption_says_what_goes_with_them(tmp_path):
+    """Titles of neighbours would overlap with spectrum and headlamps."""
+    data = made_run(tmp_path, lights_lux=(1.0, 20.0), n_examples=0)
+    street = {"name": "street", "lux": 1.0, "illuminant": "led-4000", "headlamp": "low"}
+    lights = [street, street | {"name": "lit-street", "lux": 20.0}]
+    named = replace(data, manifest=data.manifest | {"plan": {"light": lights}})
+    figure = _drawn(named, "exposure")
+    titles = [axes.get_title() for axes in figure.axes[:2]]
+    assert titles == [
+        f"stop sign 100 px\n{light} · n = 12" for light in ("street, 1 lux", "lit-street, 20 lux")
+    ]
+    caption = " ".join(figure.get_supxlabel().split())
+    assert "street: 1 lux, led-4000, low beam; lit-street: 20 lux, led-4000, low beam." in caption
+    assert "1 lux;" not in _drawn(data, "exposure").get_supxlabel()  # there is nothing besides

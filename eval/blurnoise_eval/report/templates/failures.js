@@ -74,8 +74,8 @@ function card(target) {
   const found = [at("A", a), at("B", b)], drawn = found.filter(each => each.figure);
   const said = element("p", {}, element("strong", {textContent: labels[label]}), ` ${Math.round(x1 - x0)} × ${Math.round(y1 - y0)} px, ${groups[group]}`);
   for (const {text, kind} of drawn.length === 2 ? [] : found) said.append(element("br"), element("span", {className: `key ${kind}`}), text);
-  return element("article", {}, shot(jpeg, place, "other", name, `${width} / ${height}`),
-    element("div", {className: "pair"}, ...(drawn.length === 2 ? drawn.map(each => each.figure) : [])), said);
+  const pair = drawn.length === 2 ? [element("div", {className: "pair"}, ...drawn.map(each => each.figure))] : [];
+  return element("article", {}, ...pair, shot(jpeg, place, "other", name, `${width} / ${height}`), said);
 }
 
 let shown = [];

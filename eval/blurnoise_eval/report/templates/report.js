@@ -12,9 +12,11 @@ const colour = name => getComputedStyle(document.querySelector(".panels")).getPr
 // Only buttons that work offline: the library would otherwise offer to upload the chart.
 const config = {responsive: true, displaylogo: false, showSendToCloud: false, plotlyServerURL: "",
   modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]]};
-const layout = {font: {family: "system-ui, sans-serif", size: 13, color: colour("ink")}, paper_bgcolor: colour("paper"),
-  plot_bgcolor: colour("paper"), hoverlabel: {align: "left"}, hovermode: "closest", showlegend: false, dragmode: false, margin: {l: 52, r: 12, t: 30, b: 46}};
-const axisStyle = {gridcolor: colour("line"), zeroline: false, showline: true, linecolor: colour("soft"), automargin: true};
+const night = matchMedia("(prefers-color-scheme: dark)");  // charts have the page's colours, and change with them
+const coloursOf = axis => night.matches ? axes[axis].by_night : axes[axis].colours;
+const layout = () => ({font: {family: "system-ui, sans-serif", size: 13, color: colour("ink")}, paper_bgcolor: colour("paper"),
+  plot_bgcolor: colour("paper"), hoverlabel: {align: "left"}, hovermode: "closest", showlegend: false, dragmode: false, margin: {l: 52, r: 12, t: 30, b: 46}});
+const axisStyle = () => ({gridcolor: colour("line"), zeroline: false, showline: true, linecolor: colour("soft"), automargin: true});
 const short = (value, digits = 3) => String(Number(value.toPrecision(digits)));
 const several = axis => axes[axis].count > 1;
 
@@ -22,7 +24,7 @@ const blurOf = at => axes[VELOCITY].x[at[VELOCITY]] * axes[EXPOSURE].x[at[EXPOSU
 const height = blur => blur < 1 ? blur : 1 + Math.log10(blur);  // blur is drawn linear below 1 px, logarithmic above
 const ofBlur = view => view.scale === "symlog";
 const xOf = (view, at) => ofBlur(view) ? height(blurOf(at)) : axes[view.along].x[at[view.along]];
-const xAxis = ({title, scale, ticks, range}) => ({...axisStyle, title: {text: title}, range,
+const xAxis = ({title, scale, ticks, range}) => ({...axisStyle(), title: {text: title}, range,
   type: scale === "log" ? "log" : "linear",
   ...(ticks ? {tickvals: ticks.map(tick => tick[0]), ticktext: ticks.map(tick => tick[1])}
     : scale === "log" ? {dtick: "D2", tickformat: "~g"} : {})});
@@ -63,9 +65,9 @@ function lineTraces(line, name, colour, now) {
 
 // Bars below zero: windows of each line, the intervals of their ends, and a tick at the exposure to use.
 function windowBars(model, now) {
-  const bars = [], ms = axes[EXPOSURE].x, [first, last] = [Math.min(...ms) / 1e3, Math.max(...ms) / 1e3];
+  const bars = [], ink = colour("ink"), ms = axes[EXPOSURE].x, [first, last] = [Math.min(...ms) / 1e3, Math.max(...ms) / 1e3];
   for (const [of, group, at, works, chosen, , windows] of run.windows) {
-    const line = at[now.view.lines], y = -0.05 - 0.035 * line, colour = axes[now.view.lines].colours[line];
+    const line = at[now.view.lines], y = -0.05 - 0.035 * line, colour = coloursOf(now.view.lines)[line];
     if (of !== model || group !== now.group || !standing([{at}], now.held).length) continue;
     const bar = (from, to, half, opacity) => bars.push({type: "rect", x0: 1e3 * from, x1: 1e3 * to, y0: y - half, y1: y + half,
       line: {width: 1, color: colour}, fillcolor: colour, opacity});
@@ -73,13 +75,13 @@ function windowBars(model, now) {
       bar(low, high, 0.011, works ? 1 : 0.35);
       for (const [from, to] of bounds) if (from !== null || to !== null) bar(from ?? first, to ?? last, 0.002, 1);
     }
-    if (chosen !== null) bars.push({type: "line", x0: 1e3 * chosen, x1: 1e3 * chosen, y0: y - 0.018, y1: y + 0.018, line: {width: 2, color: "#000"}});
+    if (chosen !== null) bars.push({type: "line", x0: 1e3 * chosen, x1: 1e3 * chosen, y0: y - 0.018, y1: y + 0.018, line: {width: 2, color: ink}});
   }
   return bars;
 }
 
 function drawCurve(panel, now) {
-  const {view, measure} = now, {texts, colours, count} = axes[view.lines], {clean, rows} = seriesOf(panel.model, now);
+  const {view, measure} = now, {texts, count} = axes[view.lines], colours = coloursOf(view.lines), {clean, rows} = seriesOf(panel.model, now);
   const here = standing(rows, now.held), traces = [], shapes = [];
   const level = (y, dash) => shapes.push({type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: {color: colour("soft"), width: 1.2, dash}});
   if (!measure) level(run.threshold, "dash");
@@ -90,9 +92,9 @@ function drawCurve(panel, now) {
   }
   const bars = !measure && view.along === EXPOSURE ? count : 0, most = measures[measure].most;
   if (bars) shapes.push(...windowBars(panel.model, now));
-  const yaxis = {...axisStyle, showline: false, title: {text: measures[measure].name}, range: [(-0.05 - 0.035 * bars) * most, 1.05 * most],
+  const yaxis = {...axisStyle(), showline: false, title: {text: measures[measure].name}, range: [(-0.05 - 0.035 * bars) * most, 1.05 * most],
     ...(measure ? {} : {tickvals: [0, 0.2, 0.4, 0.6, 0.8, 1]})};
-  Plotly.react(panel.curve, traces, {...layout, xaxis: xAxis(view), yaxis, shapes}, config);
+  Plotly.react(panel.curve, traces, {...layout(), xaxis: xAxis(view), yaxis, shapes}, config);
 }
 
 // A heat map has a column per exposure of the grid and a row per value of another axis.
@@ -106,13 +108,13 @@ function drawMap(panel, now) {
   const unsure = p => !measure && (p.low === null || p.high === null || p.low < run.threshold && p.high >= run.threshold);
   const ticks = ({title, texts, count}, most) => {
     const shown = texts.slice(0, count).map((_, i) => i).filter(i => i % Math.ceil(count / most) === 0);
-    return {...axisStyle, title: {text: title, standoff: 8}, showgrid: false, range: [-0.5, count - 0.5], tickvals: shown, ticktext: shown.map(i => texts[i])};
+    return {...axisStyle(), title: {text: title, standoff: 8}, showgrid: false, range: [-0.5, count - 0.5], tickvals: shown, ticktext: shown.map(i => texts[i])};
   };
   Plotly.react(panel.map, [{type: "bar", x: tiles.map(({at}) => at[EXPOSURE]), width: 0.96, base: tiles.map(({at}) => at[up] - 0.5), y: tiles.map(() => 1),
     text: tiles.map(p => p.y.toFixed(2) + (unsure(p) ? "?" : "")), customdata: tiles.map(p => hover(p, now)),
     texttemplate: "%{text}", hovertemplate: "%{customdata}<extra></extra>", textposition: "inside", insidetextanchor: "middle", textangle: 0,
-    marker: {color: tiles.map(p => p.y), colorscale, cmin: 0, cmax: most, line: {color: "#fff", width: 0.8}}}], {
-    ...layout, barmode: "overlay", uniformtext: {minsize: 10, mode: "hide"}, xaxis: ticks(axes[EXPOSURE], 8), yaxis: ticks(axes[up], 16)}, config);
+    marker: {color: tiles.map(p => p.y), colorscale, cmin: 0, cmax: most, line: {color: colour("paper"), width: 0.8}}}], {
+    ...layout(), barmode: "overlay", uniformtext: {minsize: 10, mode: "hide"}, xaxis: ticks(axes[EXPOSURE], 8), yaxis: ticks(axes[up], 16)}, config);
 }
 
 function addPlot(parent, title, kind) {
@@ -132,7 +134,7 @@ function layPanels() {
 }
 
 function layLegend({view}) {
-  const {texts, colours, count} = axes[view.lines];
+  const {texts, count} = axes[view.lines], colours = coloursOf(view.lines);
   byId("legend").replaceChildren(...texts.slice(0, count).map((name, index) => {
     const entry = document.createElement("span"), chip = document.createElement("i");
     chip.style.background = colours[index];
@@ -168,6 +170,7 @@ async function load() {
   document.head.append(Object.assign(document.createElement("script"), {textContent: text}));
   layPanels();
   for (const select of document.querySelectorAll(".charts select")) select.addEventListener("change", draw);
+  night.addEventListener("change", draw);
   draw();
 }
 const ready = load();  // tests wait for it

@@ -1,0 +1,131 @@
+"""The first screen of the page beside its answer: one figure as plain numbers, and two example pictures.
+
+The figure is drawn by the page itself (SVG, whose colours are the page's), so that it follows dark mode, needs no
+script and costs a few kB. Domain: scores in the criterion's unit over exposures in s; places in px of the drawing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+from blurnoise_eval.answers.recommendation import SATURATED
+from blurnoise_eval.answers.rows import AnswerRow
+from blurnoise_eval.plan.axes import EXPOSURE
+from blurnoise_eval.plots.style import line_colours, spread
+from blurnoise_eval.report.run import RunData
+from blurnoise_eval.store.rows import Example
+
+WIDTH, HEIGHT = 460, 250
+LEFT, RIGHT, TOP, BOTTOM = 34, 10, 10, 44
+"""Margins for the numbers at the axes."""
+MOST_LINES, MOST_TICKS = 6, 7
+MOST_EXAMPLES = 48
+"""Examples among which the pair is chosen."""
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of the figure. name: of its setting; colour, by_night: on bright and dark paper; points: where it goes;
+    chosen: the exposure to use, None where there is none on the line."""
+
+    name: str
+    colour: str
+    by_night: str
+    points: tuple[Place, ...]
+    chosen: Place | None
+
+
+@dataclass(frozen=True)
+class Figure:
+    """The mean score over the exposure, a line for each light. x, y: place and text of the ticks; level: the height
+    of the criterion."""
+
+    title: str
+    x_title: str
+    lines: tuple[Line, ...]
+    x: tuple[tuple[float, str], ...]
+    y: tuple[tuple[float, str], ...]
+    level: float
+
+
+def main_figure(data: RunData, model: str | None) -> Figure | None:
+    """The figure of one model; None where no exposures can be compared."""
+    means: dict[tuple[float, ...], dict[float, float]] = {}
+    for setting in spread(data.settings.every, MOST_LINES):
+        of = [a for a in data.answers if a.model == model and data.settings.of(a.conditions) == setting]
+        if len(found := _means(of)) > 1:
+            means[setting] = found
+    exposures = sorted({at for found in means.values() for at in found})
+    if not exposures or not all(0 < at < math.inf for at in exposures):
+        return None
+    most = max(1.0, *(value for found in means.values() for value in found.values()))
+    low, high = math.log(exposures[0]), math.log(exposures[-1])
+
+    def x_of(exposure_s: float) -> float:
+        share = (math.log(exposure_s) - low) / (high - low)
+        return round(LEFT + share * (WIDTH - LEFT - RIGHT), 1)
+
+    def y_of(value: float) -> float:
+        return round(TOP + (1 - value / most) * (HEIGHT - TOP - BOTTOM), 1)
+
+    chosen = {
+        data.settings.of(row.conditions): row.exposure_s
+        for row in data.recommendations
+        if row.model == model and row.scope == "light"
+    }
+    colours = zip(
+        line_colours("viridis", len(means)), line_colours("viridis", len(means), dark=True), strict=True
+    )
+    lines = []
+    for (setting, found), (colour, by_night) in zip(means.items(), colours, strict=True):
+        use = chosen.get(setting)
+        dot = (x_of(use), y_of(found[use])) if use in found and use is not None else None
+        points = tuple((x_of(at), y_of(value)) for at, value in sorted(found.items()))
+        axes = zip(data.settings.axes, setting, strict=True)
+        name = " · ".join(data.settings.short_text(axis, value) for axis, value in axes)
+        lines.append(Line(name, colour, by_night, points, dot))
+    grid = [at for at in data.axes[0].values[: data.axes[0].count] if exposures[0] <= at <= exposures[-1]]
+    ticks = tuple((x_of(at), f"{EXPOSURE.shown(at):g}") for at in spread(grid, MOST_TICKS))
+    heights = tuple((y_of(value), f"{value:g}") for value in (0.0, 0.5, 1.0))
+    title = f"{data.criterion.title[0].upper()}{data.criterion.title[1:]} over the exposure"
+    return Figure(title, "Exposure / ms", tuple(lines), ticks, heights, y_of(data.criterion.level))
+
+
+def _means(answers: Sequence[AnswerRow]) -> dict[float, float]:
+    """The mean over speeds and kinds of target by exposure; of those that were tested in all of them, s."""
+    rows = [
+        {s: value for s, value in zip(answer.exposures_s, answer.confidence, strict=True) if value == value}
+        for answer in answers
+    ]
+    common = set.intersection(*map(set, rows)) if rows else set()
+    return {at: sum(row[at] for row in rows) / len(rows) for at in common}
+
+
+def pair(data: RunData, model: str | None) -> list[Example]:
+    """Two example pictures that show what the exposure does: the one in which more is found first; none where there
+    are not two."""
+    own = [each for each in data.examples if each.cell.model == model and not each.cell.conditions.original]
+    known = [each for each in own if each.targets and each.cell.error is None]
+    # A white picture says only that it is white.
+    plain = [each for each in known if (each.cell.saturated_share or 0.0) <= SATURATED]
+    pairs = permutations(spread(plain, MOST_EXAMPLES), 2)
+    best = max(pairs, key=lambda both: _teaches(data, *both), default=None)
+    return list(best or ())
+
+
+def _teaches(data: RunData, one: Example, other: Example) -> tuple[float, ...]:
+    """Greater is better: what only the exposure changes, by night, and much of it."""
+    a, b = one.cell.conditions, other.cell.conditions
+    lost = _found(one, data.found_from) - _found(other, data.found_from)
+    alike = one.cell.image == other.cell.image, data.settings.of(a) == data.settings.of(b)
+    moves = a.velocity_px_s == b.velocity_px_s
+    longer = b.exposure_s > a.exposure_s
+    return lost > 0, all(alike), a.exposure_s != b.exposure_s, moves, -a.illuminance_lux, longer, lost
+
+
+def _found(example: Example, threshold: float) -> int:
+    return sum(target.confidence >= threshold for target in example.targets)
