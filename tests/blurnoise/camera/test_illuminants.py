@@ -71,7 +71,8 @@ def test_unknown_names_are_refused(name):
 
 
 @pytest.mark.parametrize(
-    ("nm", "power"), [((400.0, 700.0), (-1.0, 2.0)), ((300.0, 400.0), (2.0, 1.0)), ((400.0, 700.0), (0.0, 0.0))]
+    ("nm", "power"),
+    [((400.0, 700.0), (-1.0, 2.0)), ((300.0, 400.0), (2.0, 1.0)), ((400.0, 700.0), (0.0, 0.0))],
 )
 def test_curves_that_are_no_light_are_refused(nm, power):
     with pytest.raises(ValueError, match=r"^illuminant: (power at 400 nm|gives no visible light)"):

@@ -135,9 +135,9 @@ def test_an_own_spectrum_travels_with_the_plan(tmp_path):
 def test_a_scene_has_one_light():
     assert SceneFile.of({"light": "street"}).at()["illuminant"] == SPECTRUM.choice_index("led-4000")
     assert SceneFile.of({}).at().get("illuminant") is None
-    with pytest.raises(ValueError, match="^light: must be one value"):
+    with pytest.raises(ValueError, match=r"^light: must be one value"):
         SceneFile.of({"light": "street,dusk"}).at()
-    with pytest.raises(ValueError, match="^lux: must be one value"):
+    with pytest.raises(ValueError, match=r"^lux: must be one value"):
         SceneFile.of({"lux": "1,2"}).at()
 
 

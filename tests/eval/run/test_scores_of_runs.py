@@ -234,7 +234,7 @@ def test_a_vehicle_that_stands_there_for_its_headlamps_can_be_trained_for(tmp_pa
         {"lux": 1, "headlamp": "low", "exposure_ms": 10, "dx": 0, "vehicle": {"height_m": 1.3}}
     )
     for speed, refused in ((0.0, False), (10.0, True)):
-        rows = [score_row(**at.but(ego_speed_m_s=speed).on(IMX250)) for at in plan.conditions()]
+        rows = [score_row(**{**at.on(IMX250), "ego_speed_m_s": speed}) for at in plan.conditions()]
         found = met_conditions(rows, {"camera": IMX250.to_dict(), "plan": plan.to_dict()})
         (tmp_path / FILE).write_text(json.dumps(found, allow_nan=False))
         if refused:
