@@ -78,13 +78,14 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
             raise ValueError("light, lux: must not be combined; a light has its own lux")
         lights = own.lights_lux if config.lux is None else of.half_stops(*config.lux)
         if config.light is not None:
-            lights = of.between_lights(config.light, inputs.metering.illuminant)
+            lights = of.between_lights(config.light, inputs.metering.illuminant, inputs.lights)
         scenario = of.Scenario(
             lights_lux=lights,
             speeds_px_s=own.speeds_px_s if config.speeds is None else of.speed_shares(config.speeds),
             targets=of.target_shares(config.targets, [*inputs.planes]) if config.targets else own.targets,
             objective=config.objective,
             tail=config.tail,
+            speed_unit=own.speed_unit,
         )
         advance(1)
         found = optimise(Problem(inputs, scenario, limits))

@@ -28,8 +28,8 @@ def sweep(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:
 
     Without --images and --labels, the pictures are rendered stop signs of 100, 50 and 32 px in front of 20
     backgrounds. Without --model, the built-in stop-sign detector is evaluated. The default conditions are those of
-    a camera on a vehicle: light from a night street to daylight, exposure times at 30 frames/s, and the speeds in the
-    picture of a sign 5 m beside and 12.5 m ahead of the camera at 0, 50 and 100 km/h.
+    a camera on a vehicle: light from a street at night, in low beam, to daylight, exposure times at 30 frames/s, and
+    the speeds in the picture of a sign 5 m beside and 12.5 m ahead of the camera at 0, 50 and 100 km/h.
 
     An interrupted sweep continues when you run the same command again.
     """

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from blurnoise_eval.answers.recommendation import best_exposure
 from blurnoise_eval.plan.axes import milliseconds
 from blurnoise_eval.program.problem import Problem, Schedule
-from blurnoise_eval.program.scenario import STEPS_PER_STOP
+from blurnoise_eval.program.scenario import STEPS_PER_STOP, ExposureLimits
 from blurnoise_eval.run.search_space import exposures_on
 from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.system.tables import finite
@@ -108,22 +108,27 @@ def optimise(problem: Problem) -> Program:
     def scheduled(stages: Stages) -> Schedule:
         return problem.schedule([limits.settled(stages.divided(total_s)[0]) for total_s in totals_s])
 
-    most_stages, most_worth = programs[-1]
-    fewest = next(stages for stages, worth in programs if worth >= most_worth - MOST_LOSS * len(lights))
     # No camera goes below its first stage, and the sun is brighter than any tested light: there exposures must be
     # shorter than tested, and shorter than a period of the lamps.
-    extended = replace(fewest, times_s=(min(limits.first_s, fewest.times_s[0]), *fewest.times_s[1:]))
-    schedule = scheduled(extended)
+    def extended(stages: Stages) -> Stages:
+        return replace(stages, times_s=(min(limits.first_s, stages.times_s[0]), *stages.times_s[1:]))
+
+    most_worth = programs[-1][1]
+    fewest = next(stages for stages, worth in programs if worth >= most_worth - MOST_LOSS * len(lights))
+    schedule = scheduled(extended(fewest))
     if None in schedule.values:
         raise problem.nothing_left([lights[schedule.values.index(None)]])
     fixed_s = _best_fixed_s(problem, objective)
     low, high = interval_of(problem, schedule)
+    # The steps of the lattice, and the cost of gain, can make fewer stages worth a little more than any number.
+    every = [scheduled(extended(stages)) for stages, _ in programs]
+    best = max((one for one in every if one.value is not None), key=lambda one: one.value or 0.0)
     return Program(
         problem=problem,
-        stages=extended,
+        stages=extended(fewest),
         tested_s=fewest.times_s[0],
         schedule=schedule,
-        best=scheduled(most_stages),
+        best=best,
         best_fixed_s=fixed_s,
         baselines=_baselines(problem, fixed_s),
         low=low,
@@ -137,7 +142,9 @@ def _best_fixed_s(problem: Problem, objective: Array) -> float | None:
     objective (L, S); None where every one was left out at some light."""
     recommended_s = problem.inputs.recommended_s if problem.scenario == problem.inputs.scenario else None
     if recommended_s is not None and math.isclose(problem.limits.settled(recommended_s), recommended_s):
-        return recommended_s
+        flickers = any(problem.limits.avoidable(recommended_s, total_s) for total_s in problem.totals_s)
+        if not ((problem.limits.mains_hz or problem.limits.led) and flickers):
+            return recommended_s
     index = best_exposure(problem.times_s, np.mean(objective, axis=0))
     return None if index is None else problem.times_s[index]
 
@@ -152,9 +159,7 @@ def _baselines(problem: Problem, fixed_s: float | None) -> dict[str, Schedule]:
         limited = replace(stock, times_s=tuple(min(time, limits.limit_s) for time in stock.times_s))
         remark = "" if limited == stock else f", to {milliseconds(limits.limit_s)} ms"
         exposures_s = [limited.divided(total_s)[0] for total_s in problem.totals_s]
-        if limits.mains_hz and not np.allclose(
-            list(map(limits.settled, exposures_s)), exposures_s, rtol=0.02
-        ):
+        if limits.mains_hz and any(map(limits.avoidable, exposures_s, problem.totals_s)):
             remark += ", flickers"
         baselines[name + remark] = problem.schedule(exposures_s)
     return baselines
@@ -165,14 +170,40 @@ def _staged(
 ) -> list[tuple[Stages, float]]:
     """The best stages of each number, with times from low to high, and the sum of their worth over the lights."""
     limits, metering = problem.limits, problem.inputs.metering
-    lattice = exposures_on((low_s, high_s), STEPS_PER_STOP).tolist()
-    worth = problem.objective([limits.settled(min(time, high_s)) for time in lattice])
+    lattice, steady = _lattice(limits, low_s, high_s)
+    worth = problem.objective([min(limits.settled(time), high_s) for time in lattice])
     worth -= COST_PER_DB * problem.gains_db(lattice)
     most_db = min(limits.gain_max_db, metering.camera.sensor.gain_max_db)
-    programs = best_stages(worth, totals_s, lattice, 10 ** (most_db / 20), 10 ** (EARLY_GAIN_DB / 20))
+    most, early = 10 ** (most_db / 20), 10 ** (EARLY_GAIN_DB / 20)
+    programs = best_stages(worth, totals_s, lattice, most, early, steady)
     if not programs:
         raise problem.nothing_left(problem.scenario.lights_lux[:: len(totals_s) - 1 or 1])
     return programs
+
+
+def _lattice(limits: ExposureLimits, low_s: float, high_s: float) -> tuple[list[float], list[bool]]:
+    """Times from low to high, an eighth of a stop apart, and whether a stage may end at each.
+
+    Where lamps flicker the times contain the lamps' shortest one and whole periods, and stages end only there.
+    """
+    shortest_s = limits.shortest_s
+    if not (limits.mains_hz or limits.led) or not low_s < shortest_s <= high_s * (1 + 1e-9):
+        times = exposures_on((low_s, high_s), STEPS_PER_STOP).tolist()
+        return times, [limits.steady(time) or not limits.mains_hz for time in times]
+    times = exposures_on((shortest_s, max(high_s, shortest_s)), STEPS_PER_STOP).tolist()
+    step = math.log2(times[1] / times[0]) if len(times) > 1 else 1 / STEPS_PER_STOP
+    below = math.floor(math.log2(shortest_s / low_s) / step + 1e-9)
+    times = [shortest_s * 2 ** (-k * step) for k in range(below, 0, -1)] + times
+    steady = [limits.steady(time) for time in times]
+    if limits.mains_hz:
+        # A whole period takes the place of the time that is nearest to it.
+        period_s = 1 / (2 * limits.mains_hz)
+        for n in range(
+            round(shortest_s / period_s), math.floor((high_s + limits.row_time_s) / period_s + 1e-9) + 1
+        ):
+            k = below + round(math.log2(n * period_s / shortest_s) / step)
+            times[k], steady[k] = n * period_s, True
+    return times, steady
 
 
 def interval_of(problem: Problem, schedule: Schedule) -> tuple[float | None, float | None]:
@@ -208,13 +239,15 @@ def best_stages(
     times_s: Sequence[float],
     most_gain: float,
     early_gain: float = math.inf,
+    steady: Sequence[bool] | None = None,
 ) -> list[tuple[Stages, float]]:
     """The best stages of at most 1, 2, ... in number, with the sum of their worth, until another gains nothing; an
     empty list where no program is allowed.
 
     worth: (L, I) of each light at each of ``times_s`` (I,), NaN where it is not allowed; the times rise by equal
     steps in stops. totals_s: (L,) exposure times gain that each light asks for. most_gain: at the longest time;
-    early_gain: at any other.
+    early_gain: at any other. steady: (I,) whether a stage may end at a time, everywhere if None; a program may also
+    end before the first of these.
 
     Gains have the same steps as times, so a program is a path on a lattice of time steps i and gain steps j that
     begins at (0, 0), and a stage is a rise in time followed by a rise in gain. A light that asks for n steps is met
@@ -244,6 +277,10 @@ def best_stages(
     met = np.where(allowed, of_steps[steps, i], -np.inf)
     # A path may end at the darkest light, or at the most gain: all darker lights then get the same exposure.
     may_end = allowed & (i + j > 0) & ((i + j == reach) | (j == gains))
+    may_stop = np.ones(n_times, dtype=bool) if steady is None else np.array(steady, dtype=bool)
+    # gain rises only where a stage may end
+    gains_met = np.where(may_stop[:, None], met, -np.inf)
+    may_end &= (may_stop | ~np.maximum.accumulate(may_stop))[:, None]
     darker = np.where(may_end, of_more[steps + 1, i], -np.inf)
 
     best = np.full(met.shape, -np.inf)
@@ -254,7 +291,7 @@ def best_stages(
     while before is None or not np.array_equal(best, before):
         before = best
         best, from_time = _rising(best, met, early=True)
-        transposed, from_gain = _rising(best.T, met.T, early=False)
+        transposed, from_gain = _rising(best.T, gains_met.T, early=False)
         best = transposed.T
         risen.append((from_time, from_gain.T))
         total = best + darker

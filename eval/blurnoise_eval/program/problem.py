@@ -1,24 +1,38 @@
 """The problem of an exposure program: a model's score at any light and exposure of a scenario, within limits.
 
-Domain: lux, s, dB; values in the criterion's unit. Light times exposure and motion in px decide what a picture looks
-like (:mod:`blurnoise_eval.answers.plane`), so scores are read off a surface over these two, one for each kind of
-target. They are missing wherever the run has not tested.
+Domain: lux, s, dB; values in the criterion's unit. Where light times exposure and motion in px decide what a picture
+looks like (:mod:`blurnoise_eval.answers.plane`), scores are read off a surface over these two, one for each kind of
+target. Elsewhere, as with a rolling shutter, each tested speed has a surface over light and exposure
+(:mod:`blurnoise_eval.program.by_speed`). Scores are missing wherever the run has not tested.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from blurnoise.light.lights import Light
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.plane import places_of
-from blurnoise_eval.plan.axes import AUTOMATIC, FURTHER, LIGHT, axis
+from blurnoise_eval.plan.axes import (
+    AUTOMATIC,
+    EGO,
+    FURTHER,
+    HEADLAMP,
+    LIGHT,
+    LIT,
+    SPECTRUM,
+    axis,
+    milliseconds,
+)
 from blurnoise_eval.plan.conditions import Conditions
+from blurnoise_eval.program.by_speed import BySpeed, OnPlane
+from blurnoise_eval.program.metering_by_light import MeteringByLight
 from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search_space import SearchSpace, what_breaks
@@ -37,26 +51,32 @@ Array = NDArray[np.float64]
 class Inputs:
     """What a run knows of a model.
 
-    planes: its score by kind of target. scenario: the lights, speeds and targets of the run, with equal shares.
-    exposures_s: the shortest and the longest of the run. recommended_s: the exposure that the run's report recommends
-    for all conditions. notes: what was left out or assumed.
+    planes: its score by kind of target, on the plane or by speed. scenario: the lights, speeds and targets of the
+    run, with equal shares. exposures_s: the shortest and the longest of the run. recommended_s: the exposure that the
+    run's report recommends for all conditions. notes: what was left out or assumed. lights: the run's named ones.
     """
 
     model: str
     criterion: Criterion
-    planes: Mapping[str, Predicted]
+    planes: Mapping[str, Predicted | BySpeed]
     metering: Metering
     scenario: Scenario
     exposures_s: tuple[float, float]
     recommended_s: float | None = None
     notes: tuple[str, ...] = ()
+    lights: tuple[Light, ...] = ()
+
+    @cached_property
+    def known(self) -> dict[str, OnPlane | BySpeed]:
+        """What is known of each kind of target."""
+        return {of: each if isinstance(each, BySpeed) else OnPlane(each) for of, each in self.planes.items()}
 
 
 def inputs_of(run: Run, model: str | None = None) -> Inputs:
     """The inputs of one model; the run's only one unless named.
 
-    Raises ``ValueError`` for a run that has no program: several settings or directions of motion, a fixed gain, a
-    camera or a motion for which the plane does not hold.
+    Raises ``ValueError`` for a run that has no program: a fixed gain, one exposure, or several values of what a
+    camera has one of, such as its f-number.
     """
     where, name = f"run = {str(run.folder)!r}", _name_of(run, model)
     of_model = [table for table in run.score_tables() if table.model == name]
@@ -66,41 +86,106 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
         for table in of_model
         if table.reference_too_low
     ]
-    nodes = [plane for table in tables for plane in table.on_plane()]
-    if not nodes:
+    tables = [table for table in tables if (table.measured & (table.conditions[LIGHT.name] > 0)).any()]
+    if not tables:
         raise StoreError(f"{where}: has no targets under any light")
     grid = (run.setup.search_space or SearchSpace(run.plan.spanned)).grid
     # in the dark every exposure gives the same picture, and the logarithm of the light has no end
     space = SearchSpace({**grid, LIGHT.name: [lux for lux in grid[LIGHT.name] if lux]})
-    setting = {name: float(nodes[0].conditions[name][0]) for name in FURTHER}
+    _check(run, space)
+    setting = {name: float(tables[0].conditions[name][0]) for name in FURTHER}
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])
         raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
-    conditions = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting)
+    conditions = Conditions(exposure_s=0.01, illuminance_lux=1.0, **{**setting, HEADLAMP.name: 0.0})
     exposure = conditions.exposure(run.camera, spectrum=run.plan.own_spectrum)
     camera, lit_by = exposure.camera, exposure.illuminant
-    if because := what_breaks(camera, space, run.plan.trajectory, pulsed=run.plan.pulsed):
-        raise ValueError(f"{where}: cannot give a program: {'; '.join(because)}")
-    with run.store as store:
-        light = mean_light(queries.gains_set(store, name), camera, lit_by)
-    if light is None:
+    because = what_breaks(camera, space, run.plan.trajectory, pulsed=run.plan.pulsed)
+    trend = Trend.of(camera, lit_by)
+    planes: dict[str, Predicted | BySpeed] = {table.group: BySpeed.of(table, trend) for table in tables}
+    if because:
         notes.append(
-            f"the gains of the run do not show how bright its pictures are; {GREY:g} of white is assumed"
+            "scores are those of each tested speed, interpolated over exposure and light, because "
+            f"lux x seconds alone does not tell them: {'; '.join(because)}"
         )
+    else:
+        planes = {plane.group: Predicted(plane, trend) for table in tables for plane in table.on_plane()}
+    metering, unsure = _metering(run, name, Metering(camera, GREY, setting["temperature_c"], lit_by))
+    notes += [*unsure, *_between_kinds(run)]
     lights = half_stops(min(space.grid[LIGHT.name]), max(space.grid[LIGHT.name]))
-    speeds = dict.fromkeys(sorted({line.speed_px_s for line in space.lines}), 1.0)
-    planes = {table.group: Predicted(table, Trend.of(camera, lit_by)) for table in nodes}
+    speeds = sorted({line.speed_px_s for line in space.lines})
+    if driving := [EGO.shown(each) for each in space.grid.get(EGO.name, ()) if any(space.grid[EGO.name])]:
+        speeds = [round(speed, 9) for speed in driving]
     choice = run.averages(tables)[0].choose()
     return Inputs(
         model=name,
         criterion=run.criterion,
         planes=planes,
-        metering=Metering(camera, GREY if light is None else light, setting["temperature_c"], lit_by),
-        scenario=Scenario(lights, speeds, dict.fromkeys(planes, 1.0)),
+        metering=metering,
+        scenario=Scenario(
+            lights,
+            dict.fromkeys(speeds, 1.0),
+            dict.fromkeys(planes, 1.0),
+            speed_unit=EGO.unit if driving else "px/s",
+        ),
         exposures_s=space.exposures_s,
         recommended_s=None if choice is None else choice.exposure_s,
         notes=tuple(notes),
+        lights=run.plan.light,
     )
+
+
+def _check(run: Run, space: SearchSpace) -> None:
+    """Raise ``ValueError`` for a run that cannot give a program."""
+    low, high = space.exposures_s
+    several = [axis(name) for name in FURTHER if len(space.grid.get(name, ())) > 1]
+    # Speeds of a vehicle are speeds, and named lights have one spectrum and beam each.
+    of_light = [name for name in LIT if run.plan.light and name not in run.plan.grid]
+    reasons = [
+        f"{each.title.lower()} has several values"
+        for each in several
+        if each.name not in (EGO.name, *of_light)
+    ]
+    if high == AUTOMATIC:
+        reasons.append("the camera sets the exposure itself")
+    elif low == high:
+        reasons.append("there is one exposure")
+    if reasons:
+        raise ValueError(f"run = {str(run.folder)!r}: cannot give a program: {'; '.join(reasons)}")
+
+
+def _metering(run: Run, model: str, base: Metering) -> tuple[Metering, list[str]]:
+    """The metering of the run's pictures, and what is assumed of it."""
+    with run.store as store:
+        gains = [*queries.gains_set(store, model)]
+    lit = run.plan.spanned
+    metered: Metering | None
+    if len(lit.get(SPECTRUM.name, ())) > 1 or any(lit.get(HEADLAMP.name, ())):
+        metered = MeteringByLight.of(gains, base)
+    else:
+        light = mean_light(gains, base.camera, base.illuminant)
+        metered = None if light is None else replace(base, mean_light=light)
+    if metered is not None:
+        return metered, []
+    return base, [
+        f"the gains of the run do not show how bright its pictures are; {GREY:g} of white is assumed"
+    ]
+
+
+def _between_kinds(run: Run) -> list[str]:
+    """Where lights follow each other that differ in spectrum or beam."""
+    lights = sorted(run.plan.light, key=lambda light: light.lux)
+    spans = [
+        f"{dark.lux:.6g} and {bright.lux:.6g} lux ({dark.name}, {bright.name})"
+        for dark, bright in pairwise(lights)
+        if any(getattr(dark, name) != getattr(bright, name) for name in LIT if name not in run.plan.grid)
+    ]
+    if not spans:
+        return []
+    return [
+        f"between {', between '.join(spans)} the lights differ in spectrum or headlamps: there the program's "
+        "exposures, gains and scores are interpolated from one kind of light to the other"
+    ]
 
 
 def _name_of(run: Run, model: str | None) -> str:
@@ -144,13 +229,14 @@ class Problem:
     limits: ExposureLimits
 
     @property
-    def _planes(self) -> list[Predicted]:
-        return [self.inputs.planes[target] for target in self.scenario.targets]
+    def _surfaces(self) -> list[Predicted]:
+        known = [self.inputs.known[target] for target in self.scenario.targets]
+        return [surface for each in known for surface, _ in each.parts(self.scenario.speeds_px_s)]
 
     @cached_property
     def clusters(self) -> tuple[str, ...]:
         """Clusters of pictures with any of the targets, (C,)."""
-        return tuple(dict.fromkeys(cluster for plane in self._planes for cluster in plane.clusters))
+        return tuple(dict.fromkeys(cluster for plane in self._surfaces for cluster in plane.clusters))
 
     @property
     def most(self) -> float:
@@ -159,10 +245,10 @@ class Problem:
 
     @property
     def _range(self) -> tuple[Array, Array]:
-        """The least and the greatest light times exposure, lux s, and motion, px, that all planes cover."""
+        """The least and the greatest light times exposure, lux s, and motion, px, that all surfaces cover."""
         # All kinds of targets must be known there, so the narrowest range counts.
-        low = np.max([plane.places.min(axis=0) for plane in self._planes], axis=0)
-        high = np.min([plane.places.max(axis=0) for plane in self._planes], axis=0)
+        low = np.max([plane.places.min(axis=0) for plane in self._surfaces], axis=0)
+        high = np.min([plane.places.max(axis=0) for plane in self._surfaces], axis=0)
         return np.exp2(low), np.exp2(high)
 
     @cached_property
@@ -182,11 +268,14 @@ class Problem:
         """The error where no exposure is left at these lights."""
         (light_low, motion_low), (light_high, motion_high) = self._range
         lights = ":".join(dict.fromkeys(f"{light:g}" for light in lights_lux))
-        speeds = ", ".join(f"{speed:g}" for speed in self.scenario.speeds_px_s)
+        unit, speeds = self.scenario.speed_unit, ", ".join(f"{each:g}" for each in self.scenario.speeds_px_s)
+        covered = f"motion {motion_low:.3g} to {motion_high:.3g} px"
+        if any(isinstance(each, BySpeed) for each in self.inputs.known.values()):
+            covered = "exposures {} to {} ms".format(*map(milliseconds, self.inputs.exposures_s))
         return ValueError(
-            f"lux, speeds: at {lights} lux, no exposure meets all of: tested at {speeds} px/s; not longer in more "
+            f"lux, speeds: at {lights} lux, no exposure meets all of: tested at {speeds} {unit}; not longer in more "
             f"light; {', '.join(self.limits.words)}; the run covers light x exposure {light_low:.3g} to "
-            f"{light_high:.3g} lux s, motion {motion_low:.3g} to {motion_high:.3g} px"
+            f"{light_high:.3g} lux s, {covered}"
         )
 
     def predicted(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> list[tuple[Array, Array]]:
@@ -194,7 +283,8 @@ class Problem:
         not tested."""
         predicted = []
         for speed, target in self.scenario.cases:
-            plane, places = self.inputs.planes[target], places_of(exposures_s, lights_lux, speed)
+            known = self.inputs.known[target]
+            plane, places = known.surface(speed), known.places(exposures_s, lights_lux, speed)
             tested = np.where(plane.inside(places), 1.0, np.nan)
             sums, counts = plane.on(places)
             predicted.append((sums * tested, counts * tested))
@@ -208,12 +298,16 @@ class Problem:
         return cases, np.asarray((self.scenario.weights(cases) * cases).sum(axis=0))
 
     def objective(self, times_s: Sequence[float]) -> Array:
-        """Objective (L, S) at these exposures; NaN where the run has not tested or the gain is above the limit."""
+        """Objective (L, S) at these exposures; NaN where the run has not tested, where the gain is above the limit,
+        and where lamps flicker that would not at a longer exposure."""
         lights = np.repeat(self.scenario.lights_lux, len(times_s))
         _, values = self.at(lights, np.tile(times_s, len(self.scenario.lights_lux)))
         gains_db = self.gains_db(times_s)
         # A gain of the limit itself is allowed, whatever its last digit.
         allowed = gains_db <= self.limits.gain_max_db + 1e-9
+        if self.limits.mains_hz or self.limits.led:
+            flicker = [[self.limits.avoidable(time, total) for time in times_s] for total in self.totals_s]
+            allowed &= ~np.array(flicker)
         return np.where(allowed, values.reshape(gains_db.shape), np.nan)
 
     def gains_db(self, times_s: Sequence[float]) -> Array:
@@ -252,13 +346,15 @@ class Problem:
             measured = np.maximum(np.isfinite(of_case).sum(axis=0), 1)
             rows = [self.clusters.index(cluster) for cluster in self.inputs.planes[target].clusters]
             total[rows] += weight * np.nan_to_num(of_case) * len(total) / measured
-        # One surface predicts all speeds of a kind of target, so its errors at them are correlated; those of the
-        # surfaces of different kinds are not.
+        # A surface's errors at the speeds that it predicts are correlated; those of different surfaces are not.
         speeds, targets = self.scenario.speeds_px_s, self.scenario.targets
-        places = np.concatenate([places_of(exposures_s, lights_lux, speed) for speed in speeds])
         covariance = np.zeros((len(objective),) * 2)
         of_targets = np.moveaxis(weights.reshape(len(speeds), len(targets), -1), 1, 0)
-        for plane, weight in zip(self._planes, of_targets, strict=True):
-            of_plane = plane.surface.covariance(places).reshape(*weight.shape, *weight.shape)
-            covariance += np.einsum("vm,vmwn,wn->mn", weight, of_plane, weight)
+        for target, of_target in zip(targets, of_targets, strict=True):
+            known = self.inputs.known[target]
+            for surface, those in known.parts(speeds):
+                own, weight = [[*speeds][each] for each in those], of_target[those]
+                places = np.concatenate([known.places(exposures_s, lights_lux, speed) for speed in own])
+                of_plane = surface.surface.covariance(places).reshape(*weight.shape, *weight.shape)
+                covariance += np.einsum("vm,vmwn,wn->mn", weight, of_plane, weight)
         return objective, total, CAUTION**2 * covariance

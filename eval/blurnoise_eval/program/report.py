@@ -9,6 +9,7 @@ libcamera's format is that of the "rpi.agc" algorithm of a Raspberry Pi tuning f
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -18,14 +19,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
+from blurnoise.light.lights import each_light
 from blurnoise_eval.plan.axes import milliseconds
 from blurnoise_eval.plots.style import COLOURS, plain_numbers, spread, tidy
 from blurnoise_eval.program.optimise import Program, Stages
+from blurnoise_eval.program.problem import Schedule
+from blurnoise_eval.program.stepping import stepped
 from blurnoise_eval.report.words import counted, keeps, reached_text
 from blurnoise_eval.system.files import write_figure, write_whole
 from blurnoise_eval.system.tables import csv_lines
 from blurnoise_eval.system.terminal import PROSE, paragraph, plain, table_lines
 
+_DAYLIGHT_LUX = each_light("daylight")[0].lux
+_SAME_STOPS = 0.05  # a difference that no picture shows, and the rounding of files to whole us
 _SHOWN = 12  # lights of the table
 _EXTRAPOLATED = " (extrapolated: shorter than any tested)"
 _PROGRAM: dict[str, Any] = {"color": COLOURS[0], "lw": 2, "marker": "o", "ms": 3.5}
@@ -52,16 +58,39 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
     ]
     yield from paragraph(f"Stages (the time rises first, then the gain): {'; '.join(stages)}.", prose)
     yield from paragraph(brightest(program), prose)
+    if warning := daylight(program):
+        yield from paragraph(warning, prose)
     yield from paragraph(
         f"Speeds and targets: {problem.scenario.text}. Limits: {', '.join(problem.limits.words)}. The gain of "
-        f"{inputs.metering.camera.name} meters to 18 % of full scale; the pictures have "
-        f"{100 * inputs.metering.mean_light:.1f} % of white on average.",
+        f"{inputs.metering.camera.name} meters to 18 % of full scale; {inputs.metering.pictures}.",
         prose,
     )
     yield ""
-    schedules = {"this program": schedule, "with any number of stages": program.best, **program.baselines}
+    reaches = stepped(problem, libcamera_mode(program.stages))
+    schedules = {
+        "this program": schedule,
+        "libcamera with libcamera.json": reaches,
+        "with any number of stages": program.best,
+        **program.baselines,
+    }
     compared = [[name, _value(of.value), _value(of.worst_speed)] for name, of in schedules.items()]
     yield from table_lines(["", reached, "worst speed"], compared, (False, True, True), width)
+    if apart := differs(program, reaches):
+        yield from paragraph(apart, prose)
+
+
+def differs(program: Program, reaches: Schedule) -> str:
+    """Where libcamera, stepped through the file, takes another exposure than the program; empty where nowhere."""
+    promised = program.schedule.exposures_s
+    most, lux = max(
+        (abs(math.log2(reached_s / time_s)), light)
+        for time_s, reached_s, light in zip(
+            promised, reaches.exposures_s, program.problem.scenario.lights_lux, strict=True
+        )
+    )
+    if most < _SAME_STOPS:
+        return ""
+    return f"libcamera takes another exposure with libcamera.json: {most:.1f} stops apart at {_lux(lux)} lux."
 
 
 def sentence(program: Program) -> str:
@@ -71,7 +100,7 @@ def sentence(program: Program) -> str:
     if program.low is not None and program.high is not None:
         value += f" ({program.low:.3f}-{program.high:.3f})"
     does = reached_text(value, problem.inputs.criterion)
-    start = f"From {lights[0]:.4g} to {lights[-1]:.4g} lux this program {does}."
+    start = f"From {_lux(lights[0])} to {_lux(lights[-1])} lux this program {does}."
     pictures = counted(len(problem.clusters), "picture")
     if program.regret_95 is None:
         return f"{start} {pictures} are too few to say how much better another program could be."
@@ -84,12 +113,30 @@ def brightest(program: Program) -> str:
 
     def lux(exposure_s: float) -> str:
         """The light at which this exposure needs no gain."""
-        return f"{metering.total_s(1.0) / exposure_s:.3g} lux"
+        return f"{metering.lux_at(exposure_s):.3g} lux"
 
     first_s, lamps_s = program.stages.times_s[0], limits.shortest_s
     long = f"Above {lux(lamps_s)} {milliseconds(lamps_s)} ms are too long: exposures are shorter, and lamps flicker"
     flickers = f"{long}. " if (limits.mains_hz or limits.led) and first_s < lamps_s else ""
     return f"{flickers}Above {lux(first_s)} pictures are too bright at the first stage, {milliseconds(first_s)} ms."
+
+
+def too_bright_above_lux(program: Program) -> float:
+    """The light above which pictures are too bright at the first stage."""
+    return program.problem.inputs.metering.total_s(1.0) / program.stages.times_s[0]
+
+
+def daylight(program: Program) -> str:
+    """A warning where daylight, or the brightest of the lights, saturates at the first stage; else empty."""
+    lux = max(_DAYLIGHT_LUX, program.problem.scenario.lights_lux[-1])
+    stops = math.log2(lux / too_bright_above_lux(program))
+    if stops < _SAME_STOPS:
+        return ""
+    return (
+        f"Daylight saturates: {_lux(lux)} lux are {stops:.1f} stops too bright at the first stage, "
+        f"{milliseconds(program.stages.times_s[0])} ms, also in libcamera.json. A shorter least_exposure_us, a "
+        "smaller aperture or a grey filter mends it."
+    )
 
 
 def _lux(light: float) -> str:
@@ -193,6 +240,8 @@ def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]
         "pictures": len(problem.clusters),
         "stages": asdict(program.stages),
         "shortest_tested_s": program.tested_s,
+        "too_bright_above_lux": too_bright_above_lux(program),
+        "libcamera_value": stepped(problem, libcamera_mode(program.stages)).value,
         "nodes": list(map(asdict, rows(program))),
         "without_stages": program.best.value,
         "best_fixed_s": program.best_fixed_s,
@@ -204,7 +253,11 @@ def write(program: Program, folder: Path, run: str, notes: Sequence[str] = ()) -
     """Write program.csv, program.json and libcamera.json. Raises ``OSError``."""
     columns = [field.name for field in fields(LightRow)]
     modes = {"exposure_modes": {"custom": libcamera_mode(program.stages)}}
-    libcamera = {"extrapolated_below_us": 1e6 * program.tested_s, "rpi.agc": modes}
+    libcamera = {
+        "extrapolated_below_us": 1e6 * program.tested_s,
+        "too_bright_above_lux": too_bright_above_lux(program),
+        "rpi.agc": modes,
+    }
     files = {
         "program.csv": "".join(csv_lines(columns, map(asdict, rows(program)))),
         "program.json": _json(document(program, run, notes)),

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import Figure, in_range, limited, one_of
 from blurnoise.camera import Camera
 from blurnoise.camera.spectra import Curve
-from blurnoise.light.lights import each_light
+from blurnoise.light.lights import Light, each_light
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.run.search_space import exposures_on
 
@@ -39,6 +39,7 @@ STEPS_PER_STOP = 8
 _NO_FRAME_RATE = AutoExposure(USUAL.target, frame_rate_hz=1 / 3600)
 _AT_LIMIT_DB = 0.01  # nearer to a limit of the gain, the gain does not show the picture's light
 _ROUNDING = 1e-9  # of quotients of times that are meant to be whole
+_SAME = 1e-3  # of a time in whole periods: files have 66.666 ms for 8 periods of 60 Hz mains
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,8 @@ class Scenario:
     """Lights in increasing order, shares of speeds and of targets, and the objective at each light.
 
     Shares are scaled to add up to 1. objective: "expected", the mean over the cases; "worst", the lowest of them;
-    "tail", the mean over the worst share ``tail`` of them (conditional value at risk). Raises ``ValueError`` naming
-    the field.
+    "tail", the mean over the worst share ``tail`` of them (conditional value at risk). speed_unit: px/s, or km/h of a
+    camera that drives. Raises ``ValueError`` naming the field.
 
     >>> Scenario((1.0, 2.0), {0.0: 3, 200.0: 1}, {"car": 1}).speeds_px_s
     {0.0: 0.75, 200.0: 0.25}
@@ -58,6 +59,7 @@ class Scenario:
     targets: Mapping[str, float]
     objective: Objective = "expected"
     tail: float = 0.2
+    speed_unit: str = "px/s"
 
     def __post_init__(self) -> None:
         one_of("objective", self.objective, get_args(Objective))
@@ -104,7 +106,8 @@ class Scenario:
     @property
     def text(self) -> str:
         """'0 px/s (0.3), 200 px/s (0.7); large (0.5); medium (0.5); expected'."""
-        speeds = ", ".join(f"{speed:.4g} px/s ({share:.2g})" for speed, share in self.speeds_px_s.items())
+        unit = self.speed_unit
+        speeds = ", ".join(f"{speed:.4g} {unit} ({share:.2g})" for speed, share in self.speeds_px_s.items())
         targets = "; ".join(f"{target} ({share:.2g})" for target, share in self.targets.items())
         words = {"worst": "the worst of them", "tail": f"the worst {self.tail:g} of them on average"}
         return f"{speeds}; {targets}; {words.get(self.objective, 'expected')}"
@@ -121,17 +124,21 @@ def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
     return tuple(exposures_on((low_lux, high_lux), LIGHTS_PER_STOP).tolist())
 
 
-def between_lights(names: str, illuminant: str | Curve) -> tuple[float, ...]:
-    """Lights from the darkest to the brightest of named lights, of this spectrum. Raises ``ValueError``.
+def between_lights(names: str, illuminant: str | Curve, of_run: Sequence[Light] = ()) -> tuple[float, ...]:
+    """Lights from the darkest to the brightest of named lights, which are of this spectrum or among the run's.
+
+    Raises ``ValueError``.
 
     >>> between_lights("street,lit-street", "led-4000")[0]
     1.0
     """
     lights = each_light(names)
     for light in lights:
-        if light.illuminant != illuminant:
-            of_run = illuminant if isinstance(illuminant, str) else "a spectrum of its own"
-            raise ValueError(f"light = {light.name}: has {light.illuminant}; the run has {of_run}")
+        if of_run and light not in of_run:
+            raise ValueError(f"light = {light.name}: the run has {', '.join(each.name for each in of_run)}")
+        if not of_run and light.illuminant != illuminant:
+            own = illuminant if isinstance(illuminant, str) else "a spectrum of its own"
+            raise ValueError(f"light = {light.name}: has {light.illuminant}; the run has {own}")
     return half_stops(min(light.lux for light in lights), max(light.lux for light in lights))
 
 
@@ -188,8 +195,9 @@ def _whole(least: float, unit: float) -> float:
 class ExposureLimits(AutoExposure):
     """The limits of a program's exposures: those of automatic exposure, of lamps and of the sensor.
 
-    led: exposures of at least 1/90 s. least_exposure_s: the sensor's shortest. Raises ``ValueError`` naming the
-    field, or the limits that leave no exposure.
+    led: exposures of at least 1/90 s. least_exposure_s: the sensor's shortest. In light so bright that the lamps'
+    shortest exposure saturates, exposures are shorter: it is daylight, or the lamps flicker whatever one does.
+    Raises ``ValueError`` naming the field, or the limits that leave no exposure.
 
     >>> ExposureLimits(mains_hz=50.0).settled(0.025)
     0.02
@@ -222,12 +230,36 @@ class ExposureLimits(AutoExposure):
         return _whole(max(self.row_time_s, self.least_exposure_s), self.row_time_s)
 
     def settled(self, exposure_s: float) -> float:
-        """The longest allowed exposure up to ``exposure_s``; if all are longer, the shortest one."""
-        return self.allowed_s(max(exposure_s, self.shortest_s))
+        """The longest exposure up to ``exposure_s`` that is in whole periods; below one period it stays, from the
+        sensor's shortest on."""
+        return self.allowed_s(max(exposure_s, self.first_s))
+
+    def steady(self, exposure_s: float) -> bool:
+        """Whether lamps look steady at this exposure: none flickers, and none is without a pulse.
+
+        >>> ExposureLimits(mains_hz=50.0).steady(0.02), ExposureLimits(mains_hz=50.0).steady(0.005)
+        (True, False)
+        """
+        # whole lines of the sensor make whole periods a little shorter
+        rounding_s = self.row_time_s + _SAME * exposure_s
+        if exposure_s < self.shortest_s - rounding_s:
+            return False
+        period_s = self._period_s
+        return not period_s or abs(exposure_s - round(exposure_s / period_s) * period_s) <= rounding_s
+
+    def avoidable(self, exposure_s: float, total_s: float) -> bool:
+        """Whether lamps flicker at this exposure although a longer one would not saturate, in light that asks for
+        ``total_s``.
+
+        >>> limits = ExposureLimits(mains_hz=50.0)
+        >>> limits.avoidable(0.001, total_s=0.05), limits.avoidable(0.001, total_s=0.001)
+        (True, False)
+        """
+        return total_s >= self.shortest_s * (1 - _ROUNDING) and not self.steady(exposure_s)
 
     def candidates(self, low_s: float, high_s: float) -> tuple[float, ...]:
         """Allowed exposures from low to high in increasing order, 1/8 stop apart or in whole periods."""
-        longest, first = min(high_s, self.limit_s), max(low_s, self.shortest_s)
+        longest, first = min(high_s, self.limit_s), max(low_s, self.first_s)
         if first > longest * (1 + _ROUNDING):
             return ()
         steps = math.ceil(STEPS_PER_STOP * math.log2(longest / first) - _ROUNDING) if longest > first else 0
@@ -278,6 +310,15 @@ class Metering:
         return _NO_FRAME_RATE.setting(
             self.camera, illuminance_lux=illuminance_lux, **self._picture
         ).exposure_s
+
+    def lux_at(self, exposure_s: float) -> float:
+        """The light at which this exposure needs no gain."""
+        return self.total_s(1.0) / exposure_s
+
+    @property
+    def pictures(self) -> str:
+        """'the pictures have 21.7 % of white on average'."""
+        return f"the pictures have {100 * self.mean_light:.1f} % of white on average"
 
     def gain_db(self, illuminance_lux: float, exposure_s: float) -> float:
         """The gain that the camera sets, from 0 dB to its limit."""

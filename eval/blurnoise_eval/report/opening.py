@@ -368,11 +368,8 @@ class _OfModel:
     @property
     def _suits_a_program(self) -> bool:
         """Whether 'blurnoise program' takes such a run, and gains something over a single exposure."""
-        one_direction = "direction" not in self.combinations and self.data.manifest.get("trajectory") is None
         automatic = all(row.conditions[GAIN.name] == AUTOMATIC for row in self.lights)
-        plain = one_direction and automatic and self.data.speed is not EGO_SPEED
-        plain = plain and not self.data.settings.of_light  # lights of one spectrum
-        return self.by_light and self.whole is not None and self.varied == ["light"] and plain
+        return self.by_light and self.whole is not None and self.varied == ["light"] and automatic
 
     def next_steps(self) -> str:
         """What to do for a surer answer, or with this one."""

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise.camera import Camera
+from blurnoise.light.motion import ROLLING_SHUTTER
 from blurnoise.light.resolved import Resolved
 from blurnoise.scene.plan import Contribution, plan_at
 from blurnoise.sensor.stages import DARK_CURRENT
@@ -135,24 +136,32 @@ def what_breaks(
     }
     for name in FURTHER:
         reasons[f"{axis(name).title.lower()} has several values"] = len(space.grid.get(name, ())) > 1
-    return [reason for reason, holds in reasons.items() if holds] or _of_time_alone(camera, space)
+    return [reason for reason, holds in reasons.items() if holds] or _of_time_alone(
+        camera, space, moving=bool(directions)
+    )
 
 
-def _of_time_alone(camera: Camera, space: SearchSpace) -> list[str]:
+def _of_time_alone(camera: Camera, space: SearchSpace, *, moving: bool) -> list[str]:
     """Effects that the error budget keeps at the longest exposure and whose size depends on the exposure time itself.
 
-    In DN RMS at a gain of 0 dB: gain raises the dark charge and the noise that hides it alike.
+    moving: whether anything does; at rest a rolling shutter changes nothing. In DN RMS at a gain of 0 dB: gain
+    raises the dark charge and the noise that hides it alike.
     """
     camera = camera.with_figures(captures=())  # later ones are shorter
     (shortest_s, longest_s), temperature_c = space.exposures_s, space.further.get("temperature_c", 25.0)
 
     def budget(of: Camera, exposure_s: float, white_e: float) -> tuple[Contribution, ...]:
-        return plan_at(Resolved(of, exposure_s, temperature_c, white_e, (1.0, 0.0))).stages
+        return plan_at(Resolved(of, exposure_s, temperature_c, white_e, (float(moving), 0.0))).stages
 
     effects = [effect for effect in budget(camera, longest_s, 0.0) if effect.name == DARK_CURRENT.name]
     cold, bright_e = camera.with_figures(dark_current_e_s=0.0), camera.sensor.full_well_e
     both = zip(budget(cold, shortest_s, bright_e), budget(cold, longest_s, bright_e), strict=True)
-    effects += [long for short, long in both if long.contribution_dn != short.contribution_dn]
+    # A rolling shutter's bound ends at full scale, where it may be the same for the shortest and the longest.
+    effects += [
+        long
+        for short, long in both
+        if long.contribution_dn != short.contribution_dn or long.name == ROLLING_SHUTTER.name
+    ]
     at = f"in {1e3 * longest_s:g} ms at {temperature_c:g} °C"
     kept = {effect.name: effect.contribution_dn for effect in effects if effect.kept}
     return [f"{name} depends on the exposure time alone ({dn:.2g} DN {at})" for name, dn in kept.items()]

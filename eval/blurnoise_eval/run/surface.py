@@ -246,12 +246,14 @@ def correlation(places: Array, others: Array, lengths: ArrayLike) -> Array:
 class Predicted:
     """The surfaces of the clusters of a plane, as :meth:`ScoreTable.on_plane` has it, through its nodes.
 
-    A cluster that was not measured at a node has the mean there. trend: what the surface is guided by.
+    A cluster that was not measured at a node has the mean there. trend: what the surface is guided by. places: other
+    ones (N, 2) of the nodes than those of the plane.
     """
 
-    def __init__(self, plane: ScoreTable, trend: Trend | None = USUAL) -> None:
+    def __init__(self, plane: ScoreTable, trend: Trend | None = USUAL, places: Array | None = None) -> None:
         measured = plane.take(plane.measured)
-        self.clusters, self.most, self.places = plane.clusters, plane.most, measured.places
+        self.clusters, self.most = plane.clusters, plane.most
+        self.places = measured.places if places is None else places[plane.measured]
         self._mean, self._trend = measured.mean, trend
         known, counts = measured.counts > 0, measured.counts
         self._rates = np.where(known, measured.sums / np.where(known, counts, 1.0), self._mean)

@@ -102,6 +102,7 @@ def test_the_truth_of_halos_has_their_light_and_their_shape():
     assert mirrored == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.slow  # the kernel has 1537 x 1537 px
 def test_our_halos_are_exact_and_others_are_not():
     case = glare.lamps((60, 80))
     assert case.error is not None

@@ -5,7 +5,7 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 from blurnoise_eval.program.optimise import MOST_LOSS, STOCK, Stages, best_stages, optimise
-from blurnoise_eval.program.scenario import ExposureLimits
+from blurnoise_eval.program.scenario import ExposureLimits, half_stops
 from made_planes import made_planes, made_problem
 
 LIMITS = ExposureLimits(readout_s=0.003)
@@ -58,6 +58,38 @@ def test_departures_are_those_of_pictures_drawn_again():
         drawn.append((problem.scenario.shares[:, None] * ratios).sum(0))
     # standard deviation of 400 draws is known to 1/sqrt(800) = 3.5 %; the jackknife exceeds the bootstrap by n/(n-1)
     assert error == pytest.approx(np.std(drawn, axis=0), rel=0.15)
+
+
+@pytest.mark.parametrize("how", [{"mains_hz": 50.0}, {"mains_hz": 60.0, "frame_rate_hz": 25.0}], ids=str)
+def test_lamps_do_not_make_daylight_too_bright(how):
+    """With whole periods at every light 20 000 lux got 10 ms, 6.3 stops too bright; lamps' light gets them."""
+    limits = ExposureLimits(**how)
+    found = optimise(
+        made_problem(limits, lights_lux=half_stops(1.0, 20e3), speeds_px_s={0.0: 0.5, 800.0: 0.5})
+    )
+    for time_s, total_s in zip(found.schedule.exposures_s, found.problem.totals_s, strict=True):
+        if total_s < limits.shortest_s:
+            assert time_s == pytest.approx(total_s, rel=1e-6)
+        else:
+            assert limits.steady(time_s), total_s
+    assert found.schedule.values[-1] > 0.9
+
+
+def test_stages_end_at_whole_periods():
+    """A stage that ended at 19.7 ms was printed as whole periods of 10 ms."""
+    limits = ExposureLimits(mains_hz=50.0)
+    for fast in (800.0, 200.0, 20.0):
+        shares = {0.0: 0.5, fast: 0.5}
+        found = optimise(made_problem(limits, lights_lux=half_stops(1.0, 20e3), speeds_px_s=shares))
+        assert all(map(limits.steady, found.stages.times_s[1:])), found.stages
+        assert found.stages.times_s[0] == limits.first_s
+
+
+@pytest.mark.parametrize("fast", [50.0, 400.0, 1500.0])
+@pytest.mark.parametrize("how", [{}, {"mains_hz": 50.0}, {"led": True}], ids=str)
+def test_any_number_of_stages_is_never_worse(how, fast):
+    found = optimise(made_problem(ExposureLimits(**how), speeds_px_s={0.0: 0.5, fast: 0.5}))
+    assert found.best.value >= found.schedule.value
 
 
 def test_a_gain_limit_that_leaves_nothing_is_named_with_the_light():

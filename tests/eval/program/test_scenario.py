@@ -51,7 +51,19 @@ def test_what_counts(objective, tail, expected):
     ],
 )
 def test_whole_periods(rules, expected):
-    assert [round(1e3 * time, 4) for time in ExposureLimits(**rules).candidates(1e-4, 1.0)] == expected
+    limits = ExposureLimits(**rules)
+    times = limits.candidates(1e-4, 1.0)
+    assert [round(1e3 * time, 4) for time in times if time >= limits.shortest_s] == expected
+    assert min(times) == 1e-4  # for light in which a period is too bright
+
+
+def test_lamps_that_flicker_whatever_one_does():
+    """In light that asks for less than a period, and only there, shorter exposures are allowed."""
+    limits = ExposureLimits(mains_hz=50.0)
+    assert limits.avoidable(0.005, total_s=0.011)
+    assert not limits.avoidable(0.005, total_s=0.009)
+    assert limits.avoidable(0.015, total_s=0.2)
+    assert not limits.avoidable(0.02, total_s=0.2)
 
 
 def test_frames_leds_and_whole_lines():
@@ -60,9 +72,10 @@ def test_frames_leds_and_whole_lines():
     assert times[-1] == pytest.approx(0.016)
     assert np.diff(np.log2(times)).max() <= 1 / 8 + 1e-9
     line_s = 14.8e-6
-    lines = np.array(ExposureLimits(row_time_s=line_s, led=True).candidates(1e-4, 1.0)) / line_s
+    limits = ExposureLimits(row_time_s=line_s, led=True)
+    lines = np.array(limits.candidates(1e-4, 1.0)) / line_s
     assert np.abs(lines - lines.round()).max() < 1e-6
-    assert 1 / 90 <= lines.min() * line_s < 1 / 90 + line_s
+    assert 1 / 90 <= limits.shortest_s < 1 / 90 + line_s
 
 
 @pytest.mark.parametrize(

@@ -110,6 +110,16 @@ def test_what_breaks_the_plane(axes, reason):
     assert found == [] if reason is None else [reason in each for each in found] == [True]
 
 
+@pytest.mark.parametrize("row_time_s", [2e-6, 2e-5, 2e-4])
+def test_a_rolling_shutter_breaks_the_plane_where_anything_moves(row_time_s):
+    """However slow: the budget's bound ends at full scale, for short and for long exposures."""
+    rolling = CAMERA.with_figures(shutter="rolling", row_time_s=row_time_s)
+    (reason,) = what_breaks(rolling, SearchSpace({**ONE_WAY, "velocity_x_px_s": (0.0, 300.0)}))
+    assert "rolling shutter" in reason
+    still = {"velocity_x_px_s": (0.0,), "velocity_y_px_s": (0.0,)}
+    assert what_breaks(rolling, SearchSpace({**ONE_WAY, **still})) == []
+
+
 def test_lamps_and_captures_that_break_the_plane():
     """Captures one after the other last in proportion to the first; one with a start of its own does not."""
     found = what_breaks(CAMERA, SearchSpace(ONE_WAY), pulsed=True)
