@@ -53,11 +53,12 @@ def simulate(
     reflects 18 %. --picture-tone names the tone curve of the photograph, which is removed first. 'blurnoise cameras
     fit --tone' measures the tone curve of a camera.
     """
-    from dataclasses import asdict
+    from dataclasses import asdict, replace
 
     from blurnoise import TakeOptions, plan, take
     from blurnoise_eval.datasets import Image, picture_doubts, write_picture
     from blurnoise_eval.default_camera import camera_text, is_grey_light
+    from blurnoise_eval.plan.axes import LIT, OWN_SPECTRUM, axis
     from blurnoise_eval.plan.conditions import reflectance_text
     from blurnoise_eval.simulation.figures import figures, headlit_figures
     from blurnoise_eval.simulation.scene_file import light_of, opened
@@ -81,7 +82,10 @@ def simulate(
         write_picture(output.with_name(f"{output.stem}{suffix}{output.suffix}"), picture)
     facts = {"output": str(output), **figures(scene, exposure, frames.raw[0], cut)}
     if config.light:
-        facts["light"] = str(config.light[0])
+        illuminant, headlamp = (axis(name).choice(config.at()[name]) for name in LIT)
+        own = illuminant == OWN_SPECTRUM  # of a file, which no named light can have
+        named = replace(config.light[0], illuminant="D55" if own else illuminant, headlamp=headlamp)
+        facts["light"] = str(named).replace("D55", OWN_SPECTRUM) if own else str(named)
     if headlit is not None:
         facts |= headlit_figures(headlit, exposure)
     elif config.beams:
