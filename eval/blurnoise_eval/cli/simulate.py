@@ -53,12 +53,13 @@ def simulate(
     reflects 18 %. --picture-tone names the tone curve of the photograph, which is removed first. 'blurnoise cameras
     fit --tone' measures the tone curve of a camera.
     """
-    from dataclasses import asdict, replace
+    from dataclasses import asdict
 
     from blurnoise import TakeOptions, plan, take
+    from blurnoise.light.lights import light_text
     from blurnoise_eval.datasets import Image, picture_doubts, write_picture
     from blurnoise_eval.default_camera import camera_text, is_grey_light
-    from blurnoise_eval.plan.axes import LIT, OWN_SPECTRUM, axis
+    from blurnoise_eval.plan.axes import LIT, axis
     from blurnoise_eval.plan.conditions import reflectance_text
     from blurnoise_eval.simulation.figures import figures, headlit_figures
     from blurnoise_eval.simulation.scene_file import light_of, opened
@@ -83,9 +84,7 @@ def simulate(
     facts = {"output": str(output), **figures(scene, exposure, frames.raw[0], cut)}
     if config.light:
         illuminant, headlamp = (axis(name).choice(config.at()[name]) for name in LIT)
-        own = illuminant == OWN_SPECTRUM  # of a file, which no named light can have
-        named = replace(config.light[0], illuminant="D55" if own else illuminant, headlamp=headlamp)
-        facts["light"] = str(named).replace("D55", OWN_SPECTRUM) if own else str(named)
+        facts["light"] = light_text(config.light[0].name, config.light[0].lux, illuminant, headlamp)
     if headlit is not None:
         facts |= headlit_figures(headlit, exposure)
     elif config.beams:

@@ -145,3 +145,8 @@ def test_the_spectra_a_search_spans_are_those_of_the_lights():
     plan = SweepPlan.of({**ASKED, "light": "street,lit-street"})
     assert plan.spanned["illuminant"] == (axis("illuminant").choice_index("led-4000"),)
     assert "illuminant" not in plan.grid
+
+
+def test_no_name_is_no_light():
+    with pytest.raises(ValueError, match="light = '': must be names"):
+        SweepPlan.of({"light": ""})
