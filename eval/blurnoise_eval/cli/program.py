@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from typer import Option
+
 from blurnoise_eval.cli._options import Folder, RunRead, settings
 from blurnoise_eval.plan.files import ProgramFile
 from blurnoise_eval.system.progress import ProgressBar
@@ -21,13 +25,22 @@ from blurnoise_eval.system.terminal import say, say_wrapped, width
     "readout_ms",
     "anti_flicker",
 )
-def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
+def program(
+    run: RunRead,
+    *,
+    config: ProgramFile,
+    limit: Annotated[
+        bool, Option("--limit", help="compute one cap of the exposure time for auto exposure instead")
+    ] = False,
+    output: Folder,
+) -> None:
     """Compute an exposure program from a finished run: the exposure time and gain for each light level at which a
     detector performs best over a mix of speeds. No model is evaluated again.
 
       blurnoise program run -o program     lights and speeds of the run
       blurnoise program run -o program --lux 1:1450 --speeds 0:0.3,200:0.7
       blurnoise program run -o program --anti-flicker 50 --objective worst
+      blurnoise program run -o limit --limit --speeds 0:0.8,600:0.2     the cap for a driver's auto exposure
       blurnoise program run --save-plan program.yaml     all settings, to edit
 
     The gain is the gain that the camera's metering chooses for the mean brightness of the run's pictures. The
@@ -38,19 +51,24 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     light, are marked as extrapolated.
 
     The command writes DIR/program.csv (one row per light), program.json, program.png, and libcamera.json, an exposure
-    mode for the tuning file of a Raspberry Pi camera.
+    mode for the tuning file of a Raspberry Pi camera. With --limit it writes limit.json and limit.txt: the cap in the
+    words of picamera2, libcamera, V4L2, RealSense, DepthAI, Spinnaker and pylon.
     """
+    import numpy as np
+
     from blurnoise._core.checks import in_range
     from blurnoise.camera.captures import longest_first_s
-    from blurnoise_eval.program import report
+    from blurnoise_eval.program import limit_report, report
     from blurnoise_eval.program import scenario as of
+    from blurnoise_eval.program.limit import best_limit, saturated_at
     from blurnoise_eval.program.optimise import optimise
     from blurnoise_eval.program.problem import Problem, inputs_of
     from blurnoise_eval.report.findings import reflectance
     from blurnoise_eval.run.run import Run
     from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
-    check_outputs(output, "program.csv", "program.json", "program.png", "libcamera.json")
+    files = ("program.csv", "program.json", "program.png", "libcamera.json")
+    check_outputs(output, *(limit_report.FILES if limit else files))
     in_range("fps", config.fps, 0.0, 1e6, above=True)
     in_range("readout_ms", config.readout_ms, 0.0, 1e3 / config.fps)
     with (
@@ -88,15 +106,28 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
             speed_unit=own.speed_unit,
         )
         advance(1)
-        found = optimise(Problem(inputs, scenario, limits))
+        problem = Problem(inputs, scenario, limits)
+        found = optimise(problem)
+        capped = None
+        if limit:
+            tables = [table for table in opened.score_tables() if table.model == inputs.model]
+            lux_s = [table.conditions["illuminance_lux"] * table.conditions["exposure_s"] for table in tables]
+            shares = np.concatenate([table.saturated for table in tables])
+            capped = best_limit(problem, saturated_at(np.concatenate(lux_s), shares))
         about_light = reflectance(opened.tables)
         advance(1)
     with output_folder(output) as folder:
         folder.path.mkdir(parents=True, exist_ok=True)
-        written = report.write(found, folder.path, str(run), inputs.notes)
-        title = f"{inputs.model}, {camera.name}: {inputs.criterion.title}"
-        written.append(report.draw(found, title, folder.path / "program.png"))
-    say(*report.lines(found, width()))
+        if capped is not None:
+            value = found.schedule.value
+            written = limit_report.write(capped, value, folder.path, str(run), inputs.notes)
+            text = limit_report.lines(capped, value, config.speeds is None, width())
+        else:
+            written = report.write(found, folder.path, str(run), inputs.notes)
+            title = f"{inputs.model}, {camera.name}: {inputs.criterion.title}"
+            written.append(report.draw(found, title, folder.path / "program.png"))
+            text = report.lines(found, width())
+    say(*text)
     if about_light:
         say_wrapped(f"lux: {about_light}", hanging=2)
     say(*inputs.notes, error=True)

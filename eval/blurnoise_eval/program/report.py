@@ -113,7 +113,7 @@ def brightest(program: Program) -> str:
 
     def lux(exposure_s: float) -> str:
         """The light at which this exposure needs no gain."""
-        return f"{metering.lux_at(exposure_s):.3g} lux"
+        return f"{_lux(metering.lux_at(exposure_s), 3)} lux"
 
     first_s, lamps_s = program.stages.times_s[0], limits.shortest_s
     long = f"Above {lux(lamps_s)} {milliseconds(lamps_s)} ms are too long: exposures are shorter, and lamps flicker"
@@ -123,7 +123,7 @@ def brightest(program: Program) -> str:
 
 def too_bright_above_lux(program: Program) -> float:
     """The light above which pictures are too bright at the first stage."""
-    return program.problem.inputs.metering.total_s(1.0) / program.stages.times_s[0]
+    return program.problem.inputs.metering.lux_at(program.stages.times_s[0])
 
 
 def daylight(program: Program) -> str:
@@ -139,9 +139,9 @@ def daylight(program: Program) -> str:
     )
 
 
-def _lux(light: float) -> str:
-    """Four digits, without powers of ten."""
-    return f"{float(f'{light:.4g}'):.8g}"
+def _lux(light: float, digits: int = 4) -> str:
+    """So many digits, without powers of ten."""
+    return f"{float(f'{light:.{digits}g}'):.8g}"
 
 
 def _value(value: float | None) -> str:

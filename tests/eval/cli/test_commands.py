@@ -131,6 +131,10 @@ def test_program_of_a_sweep(tmp_path, capsys):
     whole = pandas.read_csv(run / "recommendations.csv").query("scope == 'all'")
     found = json.loads((tmp_path / "program.json").read_text())
     assert [found["best_fixed_s"]] == whole.exposure_s.tolist()
+    capsys.readouterr()
+    assert main(["program", run, "-o", tmp_path / "limit", "--limit"]) == 0
+    assert capsys.readouterr().out.startswith(("Cap the exposure time at ", "No cap below "))
+    assert {path.name for path in (tmp_path / "limit").iterdir()} == {"limit.json", "limit.txt", ".blurnoise"}
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no full device")

@@ -1,0 +1,169 @@
+"""The best cap of the exposure time in words, and as files: JSON, and the words of each driver."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from blurnoise_eval.plan.axes import milliseconds
+from blurnoise_eval.plots.style import spread
+from blurnoise_eval.program.drivers import DRIVERS, Cap, document_lines
+from blurnoise_eval.program.limit import ExposureCap, SpeedEffect
+from blurnoise_eval.report.words import counted, keeps, reached_text
+from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.terminal import PROSE, paragraph, table_lines
+
+FILES = ("limit.json", "limit.txt")
+_SHOWN = 8  # lights of the table
+_LINE = {"spinnaker": 1}  # the line with the cap
+
+
+def lines(
+    limit: ExposureCap, program_value: float | None, even: bool, width: int | None = None
+) -> Iterator[str]:
+    """The lines for a terminal of ``width`` columns: sentence, table, drivers.
+
+    program_value: what an exposure program reaches. even: whether the shares of the speeds are equal because none
+    were given.
+    """
+    prose = width and min(width, PROSE)
+    yield from paragraph(sentence(limit), prose)
+    yield from paragraph(cost(limit, program_value, even), prose)
+    yield ""
+    criterion = limit.problem.inputs.criterion
+    heads = ["light, lux", "exposure, ms", "gain, dB", keeps(criterion), "saturated", "best cap here, ms"]
+    cells = []
+    for row in spread(limit.lights, _SHOWN):
+        best = "no cap needed"
+        if row.best_s is not None and row.from_s is not None and row.to_s is not None:
+            best = f"{milliseconds(row.best_s)}{_between(row.from_s, row.to_s)}"
+        shown = [_number(row.value), "-" if row.saturated is None else f"{100 * row.saturated:.0f} %", best]
+        cells.append(
+            [f"{row.illuminance_lux:.4g}", milliseconds(row.exposure_s), f"{row.gain_db:.1f}", *shown]
+        )
+    yield from table_lines(heads, cells, (True,) * 5 + (False,), width)
+    yield ""
+    cap = cap_of(limit)
+    for name in ("realsense", "depthai", "spinnaker", "pylon", "v4l2"):
+        driver = DRIVERS[name]
+        yield f"{driver.name}: {driver.text(cap).splitlines()[_LINE.get(name, 0)]}"
+    yield f"picamera2, libcamera: exposure mode {json.dumps(cap.mode)}, see limit.txt"
+
+
+def sentence(limit: ExposureCap) -> str:
+    """'Cap the exposure time at 2.1 ms (1.5 to 3 ms cannot be told apart): ...'."""
+    lights = limit.problem.scenario.lights_lux
+    value = _number(limit.schedule.value)
+    if limit.low is not None and limit.high is not None:
+        value += f" ({limit.low:.3f} to {limit.high:.3f})"
+    does = reached_text(value, limit.problem.inputs.criterion)
+    over = f"From {lights[0]:.4g} to {_lux(lights[-1])} lux auto exposure then {does}"
+    if limit.limit_s >= limit.longest_s * (1 - 1e-9):
+        return f"No cap below {milliseconds(limit.longest_s)} ms, the longest exposure, is better. {over}."
+    between = _between(limit.from_s, limit.to_s)
+    same = (
+        f", and the pictures cannot tell{between.replace('(', '').replace(')', '')} ms apart"
+        if between
+        else ""
+    )
+    return f"Cap the exposure time at {milliseconds(limit.limit_s)} ms{same}. {over}."
+
+
+def cost(limit: ExposureCap, program_value: float | None, even: bool) -> str:
+    """What the cap loses and saves at the slowest and the fastest speed, the gain that it needs, and its shares."""
+    longest, unit = milliseconds(limit.longest_s), limit.problem.scenario.speed_unit
+    effects = sorted(limit.speeds, key=lambda effect: effect.speed_px_s)
+    ends = dict.fromkeys((effects[0], effects[-1]))
+    text = f"Against {longest} ms it {' and '.join(_effect(end, unit) for end in ends)}."
+    darkest = limit.lights[0]
+    more = ", the most that the camera has" if darkest.lacks_gain else ""
+    text += f" At {darkest.illuminance_lux:.4g} lux the gain is then {darkest.gain_db:.1f} dB{more}."
+    if program_value is not None and limit.schedule.value is not None:
+        text += (
+            f" A program, with times for each light, reaches {program_value - limit.schedule.value:.3f} more."
+        )
+    if bright := [row for row in limit.lights if row.too_bright]:
+        text += f" From {_lux(bright[0].illuminance_lux)} lux on pictures are too bright at the shortest exposure."
+    shares = ", ".join(f"{effect.speed_px_s:.4g} {unit} {effect.share:.2g}" for effect in effects)
+    given = "equal because none were given; see --speeds" if even else "as given"
+    pictures = counted(len(limit.problem.clusters), "picture")
+    return f"{text} Shares of the speeds: {shares} ({given}). {pictures}, intervals of 95 %."
+
+
+def _effect(effect: SpeedEffect, unit: str) -> str:
+    """'loses 0.030 (0.010 to 0.050) at 0 px/s'."""
+    if effect.difference is None:
+        return f"cannot be judged at {effect.speed_px_s:.4g} {unit}"
+    verb, sign = ("saves", 1) if effect.difference >= 0 else ("loses", -1)
+    within = ""
+    if effect.low is not None and effect.high is not None:
+        low, high = sorted((sign * effect.low, sign * effect.high))
+        within = f" ({low:.3f} to {high:.3f})"
+    where = "at rest" if effect.speed_px_s == 0 else f"at {effect.speed_px_s:.4g} {unit}"
+    return f"{verb} {sign * effect.difference:.3f}{within} {where}"
+
+
+def _between(from_s: float, to_s: float) -> str:
+    """' (1.5 to 3)', in ms; empty where both are the same."""
+    return "" if to_s <= from_s * (1 + 1e-9) else f" ({milliseconds(from_s)} to {milliseconds(to_s)})"
+
+
+def _lux(light: float) -> str:
+    """Four digits, without powers of ten."""
+    return f"{float(f'{light:.4g}'):.8g}"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def cap_of(limit: ExposureCap) -> Cap:
+    """The cap with the most gain that it needs."""
+    gain = 10 ** (max(limit.schedule.gains_db) / 20)
+    return Cap(limit.limit_s, limit.problem.limits.first_s, gain)
+
+
+def document(
+    limit: ExposureCap, program_value: float | None, run: str, notes: Sequence[str] = ()
+) -> dict[str, Any]:
+    """The contents of limit.json. run: the run's folder. notes: what was left out or assumed."""
+    inputs, cap = limit.problem.inputs, cap_of(limit)
+    drivers: Mapping[str, Any] = {
+        name: {"version": driver.version, "words": driver.text(cap)} for name, driver in DRIVERS.items()
+    }
+    return {
+        "run": run,
+        "model": inputs.model,
+        "criterion": inputs.criterion.row(),
+        "camera": inputs.metering.camera.name,
+        "limits": limit.problem.limits.words,
+        "notes": list(notes),
+        "limit_s": limit.limit_s,
+        "limit_us": cap.us,
+        "limit_from_s": limit.from_s,
+        "limit_to_s": limit.to_s,
+        "longest_s": limit.longest_s,
+        "value": limit.schedule.value,
+        "value_low": limit.low,
+        "value_high": limit.high,
+        "value_without": limit.uncapped.value,
+        "program_value": program_value,
+        "speeds": list(map(asdict, limit.speeds)),
+        "lights": list(map(asdict, limit.lights)),
+        "drivers": drivers,
+    }
+
+
+def write(
+    limit: ExposureCap, program_value: float | None, folder: Path, run: str, notes: Sequence[str]
+) -> list[Path]:
+    """Write limit.json and limit.txt. Raises ``OSError``."""
+    text = json.dumps(document(limit, program_value, run, notes), indent=1, allow_nan=False)
+    row_time_s = limit.problem.limits.row_time_s or limit.problem.inputs.metering.camera.sensor.row_time_s
+    texts = (text, "\n".join(document_lines(cap_of(limit), row_time_s)))
+    for name, content in zip(FILES, texts, strict=True):
+        write_whole(folder / name, f"{content}\n".encode())
+    return [folder / name for name in FILES]

@@ -1,0 +1,92 @@
+"""One cap of the exposure time: the best of all, with what it loses and saves; and its words."""
+
+import json
+
+import numpy as np
+import pytest
+from blurnoise_eval.program import limit_report
+from blurnoise_eval.program.limit import best_limit, saturated_at, under_cap
+from blurnoise_eval.program.optimise import optimise
+from blurnoise_eval.program.scenario import ExposureLimits, half_stops
+from made_planes import made_problem
+
+FAST = {0.0: 0.5, 800.0: 0.5}
+
+
+def problem_of(speeds=FAST, **limits):
+    return made_problem(ExposureLimits(**limits), lights_lux=half_stops(1.0, 5e3), speeds_px_s=speeds)
+
+
+@pytest.fixture(scope="module")
+def limit():
+    return best_limit(problem_of())
+
+
+def test_no_other_cap_is_better(limit):
+    problem = limit.problem
+    values = [problem.schedule(under_cap(problem, cap)).value for cap in problem.times_s]
+    # a decibel of gain has to earn a little, so the best value may be higher by that
+    assert max(value for value in values if value is not None) == pytest.approx(
+        limit.schedule.value, abs=0.005
+    )
+    assert limit.from_s <= limit.limit_s <= limit.to_s < limit.longest_s
+
+
+def test_auto_exposure_takes_what_the_light_asks_for_up_to_the_cap(limit):
+    for row, total_s in zip(limit.lights, limit.problem.totals_s, strict=True):
+        assert row.exposure_s == pytest.approx(min(total_s, limit.limit_s))
+        # the gain makes up for the rest
+        assert row.exposure_s * 10 ** (row.gain_db / 20) == pytest.approx(total_s, rel=5e-3)
+
+
+def test_it_loses_at_rest_and_saves_what_moves(limit):
+    rest, fast = limit.speeds
+    assert (rest.speed_px_s, fast.speed_px_s, rest.share) == (0.0, 800.0, 0.5)
+    assert rest.low < rest.difference < rest.high < 0
+    assert 0 < fast.low < fast.difference < fast.high
+    both = limit.schedule.value - limit.uncapped.value
+    assert 0.5 * rest.difference + 0.5 * fast.difference == pytest.approx(both)
+
+
+def test_at_rest_no_cap_is_better():
+    limit = best_limit(problem_of({0.0: 1.0}))
+    assert limit.limit_s == limit.longest_s
+    assert limit_report.sentence(limit).startswith("No cap below 33.3 ms, the longest exposure, is better.")
+
+
+def test_faster_motion_has_a_shorter_cap(limit):
+    assert best_limit(problem_of({0.0: 0.1, 800.0: 0.9})).limit_s < limit.limit_s
+
+
+def test_the_program_is_no_worse(limit):
+    assert optimise(limit.problem).schedule.value >= limit.schedule.value - 0.002
+
+
+def test_lamps_get_whole_periods():
+    limit = best_limit(problem_of(mains_hz=50.0))
+    assert round(1e3 * limit.limit_s, 6) in (10.0, 20.0, 30.0)
+
+
+def test_saturated_shares_are_those_of_the_nearest():
+    saturated = saturated_at(np.array([1.0, 1.0, 2.0, 4.0]), np.array([0.1, 0.3, np.nan, 0.5]))
+    assert saturated(1.1) == pytest.approx(0.2)
+    assert saturated(3.0) == 0.5
+    assert saturated(2.0) is None  # not known, and half a stop is all that is looked for
+
+
+def test_words_say_cap_shares_and_gain(limit):
+    text = " ".join(" ".join(limit_report.lines(limit, limit.schedule.value + 0.01, True)).split())
+    assert text.startswith(f"Cap the exposure time at {1e3 * limit.limit_s:.3g} ms")
+    assert (
+        "Shares of the speeds: 0 px/s 0.5, 800 px/s 0.5 (equal because none were given; see --speeds)" in text
+    )
+    assert f"At 1 lux the gain is then {limit.lights[0].gain_db:.1f} dB" in text
+    assert "A program, with times for each light, reaches 0.010 more." in text
+    assert f"setAutoExposureLimit({int(1e6 * limit.limit_s)})" in text
+
+
+def test_files_have_the_cap_in_whole_us(limit, tmp_path):
+    limit_report.write(limit, None, tmp_path, "run", [])
+    written = json.loads((tmp_path / "limit.json").read_text())
+    assert written["limit_us"] == int(1e6 * limit.limit_s)
+    assert f"# Cap of the exposure time: {written['limit_us']} us" in (tmp_path / "limit.txt").read_text()
