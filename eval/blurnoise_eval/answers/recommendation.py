@@ -5,6 +5,9 @@ exposure that saturates more than a tenth of the picture on average is not recom
 exposures whose scores differ by less than ``NEAR`` the middle one is taken (in log exposure), so that a finer grid
 does not move the answer along a plateau.
 
+Which exposure to use and how good the model is with it are two verdicts: an exposure may be *settled*
+(:class:`~.settling.Settled`) by few pictures, long before these tell whether it works.
+
 Domain: exposures in s; values in the criterion's unit: a score, or the share of it that is kept. N conditions, each
 a setting and a velocity; E exposures, increasing; C clusters of pictures. NaN: not tested.
 """
@@ -20,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.rows import AverageCurve, RecommendationRow
+from blurnoise_eval.answers.settling import Rivals, Settled, settled
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.plan.axes import EGO, EGO_SPEED, GAIN, SETTING
 from blurnoise_eval.scoring import uncertainty
@@ -96,7 +100,8 @@ class Choice:
     """An exposure for some conditions.
 
     conditions: their indices. gain_db: where it is one for all. score: the mean over them. verdict: "works", "fails",
-    "cannot tell". regret: how much more the best exposure of each condition would keep. saturated_share: the largest,
+    "cannot tell". n_pictures: clusters. settled: whether the pictures decide for
+    it. regret: how much more the best exposure of each condition would keep. saturated_share: the largest,
     None where unknown. n_works, n_fails: in how many the level is surely reached, surely missed.
     """
 
@@ -105,6 +110,8 @@ class Choice:
     exposure_s: float
     score: WithInterval
     verdict: str
+    n_pictures: int
+    settled: Settled
     regret: float
     saturated_share: float | None
     n_works: int
@@ -160,6 +167,7 @@ class Averages:
         together = uncertainty.of_level(value.mean(), mean, most.mean(), sigma.mean(), effective.min())
         best = np.nanmax(without_saturated(self.value[chosen], self.saturated[chosen], self.level), axis=1)
         gains = {self.settings[index][_GAIN] for index in chosen}
+        sure = settled(self._rivals(every, counted, e))
         low, high = map(float, together)
         return Choice(
             conditions=chosen,
@@ -167,6 +175,8 @@ class Averages:
             exposure_s=self.exposures_s[e],
             score=WithInterval(float(value.mean()), finite(low), finite(high)),
             verdict=self._verdict(low, high),
+            n_pictures=int(np.isfinite(away).any(axis=1).sum()),
+            settled=sure,
             regret=float(np.maximum(best - value, 0.0).mean()),
             saturated_share=finite(float(np.fmax.reduce(share))),
             n_works=verdicts.count(SURE),
@@ -232,6 +242,31 @@ class Averages:
         )
         share = ratio_of_sums(np.nan_to_num(saturated), np.isfinite(saturated))
         return members, without_saturated(value.mean(axis=0), share, self.level)
+
+    def _rivals(self, members: Places, counted: Array, chosen: int) -> Rivals:
+        """The other exposures that may be used under the conditions ``members``, (N, E), and what they gain over the
+        chosen one.
+
+        The differences are paired by cluster: pictures that are hard at one exposure are hard at the others.
+        """
+        value, sigma, effective = (
+            np.take_along_axis(each, members, axis=0) for each in (self.value, self.sigma, self.effective)
+        )
+        mean = value.mean(axis=0)
+        usable = np.flatnonzero(counted == mean)  # not NaN, and not left out because it saturates
+        usable = usable[usable != chosen]
+        away = np.take_along_axis(self.influence, members[None], axis=1)
+        away = away[:, :, usable] - away[:, :, [chosen]]
+        known = np.isfinite(away).any(axis=1)
+        # Errors of prediction are taken for independent, as their covariance between conditions is not kept.
+        error = np.hypot(sigma[:, usable].mean(axis=0), sigma[:, chosen].mean())
+        return Rivals(
+            exposures_s=np.array(self.exposures_s)[usable],
+            gain=mean[usable] - mean[chosen],
+            influence=np.where(known, np.nansum(away, axis=1) / len(members), np.nan),
+            sigma=np.nan_to_num(error),
+            effective=float(effective[:, chosen].min()),
+        )
 
     def _verdict(self, low: float, high: float) -> str:
         return SURE if low >= self.level else FAILS if high < self.level else CANNOT_TELL
@@ -302,6 +337,11 @@ def recommendations(of: Averages) -> list[RecommendationRow]:
             exposure_s=choice.exposure_s,
             score=choice.score,
             verdict=choice.verdict,
+            n_pictures=choice.n_pictures,
+            settled=choice.settled.sure,
+            rival_s=choice.settled.rival_s,
+            rival_gain_95=choice.settled.gain_95,
+            pictures_to_settle=choice.settled.pictures,
             regret=choice.regret,
             saturated_share=choice.saturated_share,
             n_works=choice.n_works,

@@ -134,6 +134,16 @@ class RecommendationRow(Row):
     exposure_s: Annotated[float, "the exposure to use there"]
     score: Annotated[WithInterval, "its mean score"]
     verdict: Annotated[str, "works, fails, or cannot tell"]
+    n_pictures: Annotated[int, "clusters of pictures"]
+    settled: Annotated[
+        bool | None,
+        "whether every other tested exposure surely loses, or gains at most 0.03; unknown from fewer than 8 pictures",
+    ]
+    rival_s: Annotated[float | None, "the other tested exposure that may gain most"]
+    rival_gain_95: Annotated[float | None, "what that gains at most, at 95 %"]
+    pictures_to_settle: Annotated[
+        int | None, "where it is not settled, pictures that settle half of such cases"
+    ]
     regret: Annotated[float, "how much more the best exposure of each condition would score on average"]
     saturated_share: Annotated[float | None, "the largest saturated share among the conditions"]
     n_works: Annotated[int, "conditions in which the exposure surely works"]

@@ -116,7 +116,7 @@ def brightest(program: Program) -> str:
 
     def lux(exposure_s: float) -> str:
         """The light at which this exposure needs no gain."""
-        return f"{metering.lux_at(exposure_s):.3g} lux"
+        return f"{_lux(metering.lux_at(exposure_s), 3)} lux"
 
     first_s, lamps_s = program.stages.times_s[0], limits.shortest_s
     long = f"Above {lux(lamps_s)} {milliseconds(lamps_s)} ms are too long: exposures are shorter, and lamps flicker"
@@ -142,9 +142,9 @@ def daylight(program: Program) -> str:
     )
 
 
-def _lux(light: float) -> str:
-    """Four digits, without powers of ten."""
-    return f"{float(f'{light:.4g}'):.8g}"
+def _lux(light: float, digits: int = 4) -> str:
+    """So many digits, without powers of ten."""
+    return f"{float(f'{light:.{digits}g}'):.8g}"
 
 
 def _value(value: float | None) -> str:

@@ -20,7 +20,8 @@ from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
-from blurnoise_eval.report.words import counted, joined, keeps, limit_text, reached_text, value_text
+from blurnoise_eval.report.settled import settled_legend, settled_text, use_text
+from blurnoise_eval.report.words import counted, joined, keeps, limit_text, plural, reached_text, value_text
 from blurnoise_eval.scoring.uncertainty import FEWEST
 
 MAX_MODELS = 4
@@ -76,7 +77,9 @@ def opening(data: RunData) -> Opening:
             sentences.append(f"{each.model}: {reasons[each.model]}")
     title, level = data.criterion.title, data.criterion.level
     caption = f"Exposure to use, {title} and verdict:"
-    legend = f"works: 95 % interval at or above {level:g}; fails: below; ?: cannot tell"
+    legend = f"works: 95 % interval at or above {level:g}; fails: below; ?: cannot tell" + settled_legend(
+        (*best.lights, *best.conditions)
+    )
     notes = ("What limits it", best.limits()), ("What to do next", best.next_steps())
     shown = tuple(each for each in notes if each[1])
     lights = tuple(data.manifest.get("light", ()))
@@ -149,7 +152,7 @@ class _OfModel:
         return (
             f"combinations of {joined(names)}"
             if len(names) > 1
-            else f"{names[0]}s"
+            else plural(names[0])
             if names
             else "conditions"
         )
@@ -195,8 +198,15 @@ class _OfModel:
         )
         reached = reached_text(f"{self._of_lights():.2f}", self.data.criterion) + self._over(brief=brief)
         unsure = "" if brief else self._unsure(self.lights[0])
-        verdicts = self._works(works, fails, n) + self._of_each_kind() * (not brief)
-        return f"Set the exposure by {by}, from {span}. This {reached}.{verdicts}{unsure}"
+        of_kinds, settled = self._of_each_kind() * (not brief), self._settled(self.lights)
+        if not works:
+            # Nobody should set what fails; the best of it is still worth knowing.
+            start = "No exposure works" if fails == n else "No exposure surely works"
+            start += " for all kinds of target together" * bool(of_kinds)
+            some = self._works(works, fails, n) * (fails < n)
+            return f"{start}. The best by {by}, from {span}, {reached}.{some}{of_kinds}{settled}{unsure}"
+        verdicts = self._works(works, fails, n) + of_kinds
+        return f"Set the exposure by {by}, from {span}.{settled} This {reached}.{verdicts}{unsure}"
 
     def _of_each_kind(self) -> str:
         """In how many cases some exposure works, if kinds of target differ in this."""
@@ -217,11 +227,21 @@ class _OfModel:
                 FAILS: f"This fails: it is below {self.level:g}.",
                 CANNOT_TELL: f"The pictures cannot tell whether that is {least}.",
             }[row.verdict]
-            return f"{use}. It {self._reached(row)}. {verdict}{self._unsure(row)}{bright}"
+            return (
+                f"{use}.{self._settled([row])} It {self._reached(row)}. {verdict}{self._unsure(row)}{bright}"
+            )
         use = f"Use {use}" if 2 * row.n_works >= n else f"The best single exposure is {use}"
         works = self._works(row.n_works, row.n_fails, n) + self._unsure(row)
-        found = f"{use}. It {self._reached(row)}{self._over(brief=brief)}.{works}"
+        found = f"{use}.{self._settled([row])} It {self._reached(row)}{self._over(brief=brief)}.{works}"
         return found if brief else f"{found}{self._better(row)}{self._weakest()}{bright}"
+
+    def _settled(self, rows: Sequence[RecommendationRow]) -> str:
+        """Whether the pictures decide for these exposures, one or one for each light, however good they are."""
+
+        def at(row: RecommendationRow) -> str:
+            return f" at {self._light_text(row.conditions[LIGHT.name])}" if len(rows) > 1 else ""
+
+        return settled_text(rows, at, self._pictures)
 
     def _instead(self, row: RecommendationRow) -> str:
         """A single exposure, where one for each light is much better."""
@@ -250,11 +270,15 @@ class _OfModel:
         """Why a score has no interval."""
         if row.score.low is not None:
             return ""
-        count = max(answer.n_pictures for answer in self.answers)
-        weight = " of unequal weight" if count >= FEWEST else ""
-        return (
-            f" {counted(count, 'picture')}{weight} {'is' if count == 1 else 'are'} too few for an interval."
-        )
+        weight = " of unequal weight" if row.n_pictures >= FEWEST else ""
+        are = "is" if row.n_pictures == 1 else "are"
+        return f" {self._pictures(row)}{weight} {are} too few for an interval."
+
+    def _pictures(self, row: RecommendationRow) -> str:
+        """'24 pictures', '20 pictures with targets' where more were evaluated."""
+        clustered = self.data.manifest.get("cluster") is not None
+        fewer = row.n_pictures < self.data.manifest["images"]["count"] and not clustered
+        return counted(row.n_pictures, "picture") + " with targets" * fewer
 
     def _of_lights(self) -> float:
         """What one exposure for each light reaches, mean over the conditions."""
@@ -300,7 +324,7 @@ class _OfModel:
         if brief:
             return ""
         counts = {
-            f"{word(axis)}s": len({row.conditions[axis.name] for row in self.lights}) for axis in self.axes
+            plural(word(axis)): len({row.conditions[axis.name] for row in self.lights}) for axis in self.axes
         }
         counts["speeds"] = len(self.speeds)
         counts["kinds of target"] = len({answer.group for answer in self.answers})
@@ -322,7 +346,7 @@ class _OfModel:
         return (title, *["any speed"] * several, *map(self._speed_text, self.speeds)), tuple(rows)
 
     def _cell(self, row: RecommendationRow) -> Cell:
-        use, verdict, (_, low, high) = EXPOSURE.text(row.exposure_s), row.verdict, row.score
+        use, verdict, (_, low, high) = use_text(row), row.verdict, row.score
         if row.conditions[GAIN.name] is not None and GAIN in self.data.settings.axes:
             use += f", {GAIN.text(row.conditions[GAIN.name]).removeprefix('gain ')}"
         interval = "" if low is None or high is None else f"{low:.2f}–{high:.2f}"
@@ -375,9 +399,13 @@ class _OfModel:
         """What to do for a surer answer, or with this one."""
         n = len(self.conditions)
         unknown = sum(row.verdict == CANNOT_TELL for row in self.conditions)
-        pictures = counted(max((answer.n_pictures for answer in self.answers), default=0), "picture")
+        most = max(self.conditions, key=attrgetter("n_pictures"))
         some = f" on {unknown} of {n} {self.combinations.split()[0]}" * (n > 1)
-        parts = [f"Evaluate more pictures. With {pictures}, the verdict{some} is open."] * (unknown > 0)
+        parts = [f"Evaluate more pictures. With {self._pictures(most)}, the verdict{some} is open."] * (
+            unknown > 0
+        )
+        if not unknown and any(row.settled is False for row in self.conditions):
+            parts.append("Evaluate more pictures, to settle the exposure.")
         exposures = self.data.axes[0]
         tested = exposures.values[: exposures.count]
         rows = [] if self.whole is None else self.lights if self.by_light else [self.whole]

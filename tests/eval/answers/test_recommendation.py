@@ -99,3 +99,39 @@ HILL = {each: 0.9 - 0.1 * np.log2(each / 0.005) ** 2 for each in (0.001, 0.003, 
 def test_the_next_exposure(kept, saturated, further):
     of = averages([kept_table({0.0: kept}, lux, saturated=saturated) for lux in (2.0, 50.0)], 0.9)
     assert of.next_exposure() == (None if further is None else pytest.approx(further, rel=0.005))
+
+
+def paired(first, second, spread, pictures=20, **fields):
+    """Two exposures; pictures differ by 0.2 in both alike, and by ``spread`` in the difference."""
+    half = np.linspace(-1, 1, pictures)
+    sums = np.stack([first + 0.2 * half, second + 0.2 * half + spread * half[::-1].copy() ** 3], axis=1)
+    return table(sums[:, :, None], (0.001, 0.002), clean=0.9, **fields)
+
+
+def test_an_exposure_is_settled_by_pictures_that_cannot_tell_whether_it_works():
+    """The pictures differ alike at both exposures: this widens the interval of the level and not of the gain."""
+    (row, *_) = recommendations(averages([paired(0.70, 0.68, 0.05)], 0.7))
+    assert (row.verdict, row.settled, row.exposure_s, row.rival_s) == (CANNOT_TELL, True, 0.001, 0.002)
+    spread = 0.05 * (np.linspace(-1, 1, 20) ** 3).std(ddof=1) / np.sqrt(20)
+    assert row.rival_gain_95 == pytest.approx(-0.02 + 1.729 * spread, abs=1e-4)  # Student's t, one-sided
+
+
+def test_an_exposure_that_another_may_beat_by_more_is_not_settled():
+    (row, *_) = recommendations(averages([paired(0.70, 0.69, 0.3)], 0.7))
+    assert (row.settled, row.rival_s) == (False, 0.002)
+    (more, *_) = recommendations(
+        averages([paired(0.70, 0.69, 0.3, pictures=2 * row.pictures_to_settle)], 0.7)
+    )
+    assert more.settled
+
+
+@pytest.mark.parametrize("pictures", [7, 8])
+def test_few_pictures_settle_nothing(pictures):
+    (row, *_) = recommendations(averages([paired(0.70, 0.5, 0.01, pictures)], 0.7))
+    assert row.settled is (None if pictures < 8 else True)
+
+
+def test_an_exposure_that_saturates_is_no_rival():
+    own = {"saturated": np.array([[0.0], [0.9]])}
+    (row, *_) = recommendations(averages([paired(0.70, 0.95, 0.01, **own)], 0.6))
+    assert (row.exposure_s, row.settled, row.rival_s) == (0.001, None, None)

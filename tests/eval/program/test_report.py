@@ -144,7 +144,7 @@ def test_what_is_too_bright_is_named():
     assert f"Above {90 * unity:.3g} lux 11.1 ms are too long" in led
     for text in (mains, led):
         assert text.endswith(
-            f"Above {unity / 20e-6:.3g} lux pictures are too bright at the first stage, 0.02 ms."
+            f"Above {float(f'{unity / 20e-6:.3g}'):.8g} lux pictures are too bright at the first stage, 0.02 ms."
         )
 
 

@@ -62,6 +62,17 @@ def of_each_light(data):
     return replace(data, recommendations=[row for row in data.recommendations if row.scope != "all"])
 
 
+def unsettled(data):
+    """A rival is as good: at all lights for one exposure, at one of them for one each."""
+    rows = [
+        replace(row, settled=False, rival_s=0.016, rival_gain_95=0.05, pictures_to_settle=66)
+        if row.scope == "all" or row.conditions["illuminance_lux"] == 200.0
+        else row
+        for row in data.recommendations
+    ]
+    return replace(data, recommendations=rows)
+
+
 WITHHELD = [{"model": "m", "group": "g", "n_targets": 3, "reference": 0.1}]
 ASSUMED = {
     "f_number": 1.4,
@@ -83,6 +94,9 @@ CASES: dict[str, tuple[dict[str, Any], Change]] = {
     "more is kept where it saturates": (BRIGHT, saturating),
     "shorter exposures and longer ones fail": (SIGN | {"lights_lux": (200.0,)}, told()),
     "named lights": (SIGN | {"lights_lux": LIGHT.default}, told(plan={"light": LIGHTS})),
+    "an exposure that is not settled": (BRIGHT, unsettled),
+    "lights that are not all settled": ({}, unsettled),
+    "pictures without targets": (ONE, lambda data: told(images=PHOTOS | {"count": 30})(unsettled(data))),
     "no targets": ({"groups": {}}, told()),
     "no cell": ({"groups": {}}, lambda data: replace(data, scores=[])),
     "targets that the model does not know": ({"groups": {}}, told(withheld=WITHHELD)),
