@@ -21,7 +21,7 @@ from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
 from blurnoise_eval.report.settled import settled_legend, settled_text, use_text
-from blurnoise_eval.report.words import counted, joined, keeps, limit_text, reached_text, value_text
+from blurnoise_eval.report.words import counted, joined, keeps, limit_text, plural, reached_text, value_text
 from blurnoise_eval.scoring.uncertainty import FEWEST
 
 MAX_MODELS = 4
@@ -154,7 +154,7 @@ class _OfModel:
         return (
             f"combinations of {joined(names)}"
             if len(names) > 1
-            else f"{names[0]}s"
+            else plural(names[0])
             if names
             else "conditions"
         )
@@ -326,7 +326,7 @@ class _OfModel:
         if brief:
             return ""
         counts = {
-            f"{word(axis)}s": len({row.conditions[axis.name] for row in self.lights}) for axis in self.axes
+            plural(word(axis)): len({row.conditions[axis.name] for row in self.lights}) for axis in self.axes
         }
         counts["speeds"] = len(self.speeds)
         counts["kinds of target"] = len({answer.group for answer in self.answers})
