@@ -187,6 +187,7 @@ def check_illuminant(illuminant: object) -> str | Curve:
     ValueError: illuminant = 'moon': must be D50, D55, D65, ...
     """
     if isinstance(illuminant, Curve):
+        _check_power(illuminant)
         return illuminant
     if not isinstance(illuminant, str):
         raise TypeError(f"illuminant = {shown(illuminant)}: {_ALLOWED}")
@@ -199,6 +200,16 @@ def check_illuminant(illuminant: object) -> str | Curve:
         return f"planck:{limited('kelvin', float(kelvin)):.15g}"
     except ValueError as error:
         raise ValueError(f"illuminant = {shown(illuminant)}: {error}") from None
+
+
+@lru_cache(maxsize=64)
+def _check_power(light: Curve) -> None:
+    """Raise ``ValueError`` for a spectrum with negative power, or without light that cameras see."""
+    for nm, power in zip(light.wavelengths_nm, light.values, strict=True):
+        if power < 0:
+            raise ValueError(f"illuminant: power at {nm:g} nm = {power:g}: must be >= 0")
+    if _integral((light, _table("v_lambda.csv", 1)), VISIBLE_NM) <= 0:
+        raise ValueError("illuminant: gives no visible light, 400-700 nm")
 
 
 @lru_cache(maxsize=64)

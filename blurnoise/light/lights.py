@@ -43,8 +43,17 @@ class Light:
         one_of(f"light {self.name}: headlamp", self.headlamp, HEADLAMPS_ON)
 
     def __str__(self) -> str:
-        beam = [] if self.headlamp == "off" else [HEADLAMPS_ON[self.headlamp]]
-        return f"{self.name}: {', '.join([f'{self.lux:g} lux', self.illuminant, *beam])}"
+        return light_text(self.name, self.lux, self.illuminant, self.headlamp)
+
+
+def light_text(name: str, lux: float, illuminant: str, headlamp: str) -> str:
+    """A light in words.
+
+    >>> light_text("street", 1.0, "led-4000", "low")
+    'street: 1 lux, led-4000, low beam'
+    """
+    beam = [] if headlamp == "off" else [HEADLAMPS_ON[headlamp]]
+    return f"{name}: {', '.join([f'{lux:g} lux', illuminant, *beam])}"
 
 
 @cache

@@ -236,7 +236,7 @@ def in_options(text: str, options: Mapping[str, str]) -> str:
     if not all(named):
         return text
     axes = "|".join(axis.name for axis in AXES)
-    rest = re.sub(rf"\b({axes})\b", lambda found: options.get(found[0], found[0]), text[len(subject) :])
+    rest = re.sub(rf"(?<!-)\b({axes})\b", lambda found: options.get(found[0], found[0]), text[len(subject) :])
     return ", ".join(named) + rest
 
 

@@ -124,12 +124,15 @@ def _write(catalogue: Catalogue, state: State, output: Path, as_json: bool) -> N
     from blurnoise_eval.datasets import write_picture
     from blurnoise_eval.explorer.state import GIVEN
     from blurnoise_eval.explorer.verdict import mean_confidence
+    from blurnoise_eval.plan.axes import HEADLAMP
     from blurnoise_eval.plan.conditions import reflectance_text
 
     rendered = catalogue.render(state)
     write_picture(output, rendered.frame.image)
     facts: dict[str, Any] = {"output": str(output), "camera": rendered.exposure.camera.name}
     facts |= {name: value for name, (_, value, _) in rendered.numbers.items()}
+    if state.at[HEADLAMP.name] and HEADLAMP.name not in catalogue.controls(state):
+        facts["headlamps"] = "light nothing, as the picture has no labelled targets"
     if state.picture == GIVEN:
         facts["reflectance"] = reflectance_text(catalogue.grey_anchor, "--grey-anchor")
     if rendered.scored is not None:

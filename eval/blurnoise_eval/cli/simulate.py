@@ -56,8 +56,10 @@ def simulate(
     from dataclasses import asdict
 
     from blurnoise import TakeOptions, plan, take
+    from blurnoise.light.lights import light_text
     from blurnoise_eval.datasets import Image, picture_doubts, write_picture
     from blurnoise_eval.default_camera import camera_text, is_grey_light
+    from blurnoise_eval.plan.axes import LIT, axis
     from blurnoise_eval.plan.conditions import reflectance_text
     from blurnoise_eval.simulation.figures import figures, headlit_figures
     from blurnoise_eval.simulation.scene_file import light_of, opened
@@ -81,7 +83,8 @@ def simulate(
         write_picture(output.with_name(f"{output.stem}{suffix}{output.suffix}"), picture)
     facts = {"output": str(output), **figures(scene, exposure, frames.raw[0], cut)}
     if config.light:
-        facts["light"] = str(config.light[0])
+        illuminant, headlamp = (axis(name).choice(config.at()[name]) for name in LIT)
+        facts["light"] = light_text(config.light[0].name, config.light[0].lux, illuminant, headlamp)
     if headlit is not None:
         facts |= headlit_figures(headlit, exposure)
     elif config.beams:

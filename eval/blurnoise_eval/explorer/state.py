@@ -101,7 +101,7 @@ class State:
         'exposure-ms=5&lux=5&dx=1000&dy=0&gain=auto&seed=3'
         """
         parts = [
-            (key(axis), OWN if value is None else text_of(axis, value))
+            (key(axis), _own(axis) if value is None else text_of(axis, value))
             for axis in AXES
             if (value := self.at[axis.name]) is not None or base.at[axis.name] is not None
         ]
@@ -120,7 +120,7 @@ class State:
         for name, part in parse_qsl(text, keep_blank_values=True):
             try:
                 if axis := QUANTITIES.get(name):
-                    state = state.put(axis.name, None if part == OWN else value_of(axis, part))
+                    state = state.put(axis.name, None if part == OWN == _own(axis) else value_of(axis, part))
                 elif name == "light":
                     (light,) = lights_of([part])
                     state = state.put(LIGHT.name, light.lux)
@@ -152,6 +152,11 @@ def with_figures(camera: Camera, figures: Iterable[tuple[str, float]]) -> Camera
 def key(axis: Axis) -> str:
     """The name of an axis in a query: that of its option."""
     return axis.option.lstrip("-")
+
+
+def _own(axis: Axis) -> str:
+    """The text of a quantity that is left to the camera. As a spectrum "own" is that of a file, and none is D55."""
+    return "D55" if OWN_SPECTRUM in axis.choices else OWN
 
 
 def text_of(axis: Axis, value: float) -> str:

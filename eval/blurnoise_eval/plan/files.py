@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator
 
 from blurnoise_eval import label_formats
-from blurnoise_eval.plan.axes import AXES, MOVES, VELOCITY, axis, bounds, with_defaults
+from blurnoise_eval.plan.axes import AXES, LIGHT, MOVES, VELOCITY, axis, bounds, with_defaults
 from blurnoise_eval.plan.plan import ExposureSettings, SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.settings import Settings, Text, Texts, as_text, nested, setting
@@ -140,7 +140,8 @@ class SceneFile(ExposureSettings):
         found = dict.fromkeys(VELOCITY, (0.0,)) | self.spanned
         for name, values in found.items():
             if len(values) > 1:
-                raise ValueError(f"{axis(name).key}: must be one value; a sweep takes several")
+                setting = "light" if name == LIGHT.name and self.light else axis(name).key
+                raise ValueError(f"{setting}: must be one value; a sweep takes several")
         return {name: values[0] for name, values in found.items()}
 
     @property

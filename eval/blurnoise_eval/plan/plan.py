@@ -164,6 +164,8 @@ class ExposureSettings(Settings):
         chosen = {each: _values(each, values[each.key]) for each in cls.AXES if each.key in values}
         replaced = {name for each in chosen for name in each.without}
         light = values.get("light") or ()
+        if values.get("light") == "":
+            raise ValueError("light = '': must be names, such as street,dusk")
         if light and LIGHT.key in values:
             raise ValueError("light, lux: must not be combined; a light has its own lux")
         if not light and LIGHT.key not in values and cls.LIGHTS:

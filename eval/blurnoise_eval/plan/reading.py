@@ -80,7 +80,7 @@ def spectra_of(given: Any) -> tuple[list[Any], Curve | None]:
 
     Raises ``ValueError`` for several files, ``OSError`` for one that cannot be read.
     """
-    from blurnoise.camera.spectra import Curve
+    from blurnoise.camera.spectra import Curve, check_illuminant
 
     listed = given if isinstance(given, list | tuple) else [given]
     parts = [part for each in listed for part in (each.split(",") if isinstance(each, str) else [each])]
@@ -90,7 +90,14 @@ def spectra_of(given: Any) -> tuple[list[Any], Curve | None]:
     if len(set(files)) > 1:
         raise ValueError(f"illuminant = {','.join(files)}: must be one CSV file at most")
     stated = [OWN_SPECTRUM if isinstance(part, str) and part.strip() in files else part for part in parts]
-    return stated, Curve.from_csv(files[0]) if files else None
+    if not files:
+        return stated, None
+    curve = Curve.from_csv(files[0])
+    try:
+        check_illuminant(curve)
+    except ValueError as error:
+        raise ValueError(f"{files[0]}: {error}") from None
+    return stated, curve
 
 
 def curve_of(given: Any) -> Curve | None:

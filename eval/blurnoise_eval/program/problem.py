@@ -355,6 +355,6 @@ class Problem:
             for surface, those in known.parts(speeds):
                 own, weight = [[*speeds][each] for each in those], of_target[those]
                 places = np.concatenate([known.places(exposures_s, lights_lux, speed) for speed in own])
-                of_plane = surface.surface.covariance(places).reshape(*weight.shape, *weight.shape)
+                of_plane = known.covariance(surface, places).reshape(*weight.shape, *weight.shape)
                 covariance += np.einsum("vm,vmwn,wn->mn", weight, of_plane, weight)
         return objective, total, CAUTION**2 * covariance

@@ -49,11 +49,13 @@ def met_conditions(
         met["recommended"] = not recommended.isdisjoint({(*key, at[GAIN.name]), (*key, None)})
         conditions[tuple(met.items())] = row.saturated_share
     objects = plan.get("objects", {})
+    drives = any(row.conditions[EGO.name] for row in rows)
     return {
         "cameras": [each.to_dict() for each in cameras],
         "auto_exposure": plan.get("auto_exposure"),
         "speeds": objects.get("speeds"),
-        **{name: plan.get(name) for name in ("trajectory", "ego", "grey_anchor", "picture_tone")},
+        **{name: plan.get(name) for name in ("trajectory", "grey_anchor", "picture_tone")},
+        "ego": plan.get("ego") if drives else None,  # a vehicle may stand there for its headlamps alone
         **{name: plan[name] for name in ("lamps", "hdr_white") if name in plan},
         "conditions": [{**dict(each), "saturated": share} for each, share in conditions.items()],
     }

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from blurnoise.light.lights import Light
 from blurnoise_eval.plan.axes import (
     BLUR,
     EGO,
@@ -22,6 +21,7 @@ from blurnoise_eval.plan.axes import (
     Coordinate,
     velocity_text,
 )
+from blurnoise_eval.report.lights import NamedLight
 from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.rows import CellRow
 
@@ -70,7 +70,7 @@ class TestedSettings:
     text of what does not vary, '25 °C · f/2.8'. names: of lights by lux, with what goes with them.
     """
 
-    def __init__(self, conditions: Iterable[AxisValues], names: Mapping[float, Light] = {}) -> None:
+    def __init__(self, conditions: Iterable[AxisValues], names: Mapping[float, NamedLight] = {}) -> None:
         every, self._names = list(conditions), names
         values = {axis: {at[axis.name] for at in every} for axis in SETTING_AXES}
         of_lux = {at[LIGHT.name]: at for at in every}

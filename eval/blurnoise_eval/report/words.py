@@ -48,7 +48,16 @@ def counted(count: int, noun: str) -> str:
     >>> counted(1, "picture"), counted(24, "picture")
     ('1 picture', '24 pictures')
     """
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+    return f"{count} {noun if count == 1 else plural(noun)}"
+
+
+def plural(noun: str) -> str:
+    """'pictures' of 'picture'.
+
+    >>> plural("light"), plural("spectrum")
+    ('lights', 'spectra')
+    """
+    return f"{noun[:-2]}a" if noun.endswith("um") else f"{noun}s"
 
 
 def limit_text(limit: str) -> str:

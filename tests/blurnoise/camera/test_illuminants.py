@@ -70,6 +70,15 @@ def test_unknown_names_are_refused(name):
         spectra.illuminant(name)
 
 
+@pytest.mark.parametrize(
+    ("nm", "power"),
+    [((400.0, 700.0), (-1.0, 2.0)), ((300.0, 400.0), (2.0, 1.0)), ((400.0, 700.0), (0.0, 0.0))],
+)
+def test_curves_that_are_no_light_are_refused(nm, power):
+    with pytest.raises(ValueError, match=r"^illuminant: (power at 400 nm|gives no visible light)"):
+        spectra.photons_per_lux_s_um2(spectra.Curve(nm, power))
+
+
 def test_names_are_listed_where_one_is_wrong():
     with pytest.raises(ValueError, match=r"led-4000, .*halogen, planck:KELVIN"):
         spectra.check_illuminant("street")

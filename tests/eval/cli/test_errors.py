@@ -24,6 +24,10 @@ COMMANDS = {
         ),
         ("--ego-kmh 500", "--ego-kmh = 500.0: must be finite and >= 0 and <= 360"),
         ("--ego-kmh 50 --dx 100", "excludes --dx"),
+        (
+            "--light lit-street,sodium-street",
+            "compare them by --lux 20 --illuminant led-4000,sodium --headlamp low",
+        ),
         ("--repeats 0", "repeats = 0: must be >= 1"),
         ("--coco missing.json", "--coco = 'missing.json': No such file"),
         ("--labels missing.json", "--labels = 'missing.json': No such file"),
@@ -36,6 +40,7 @@ COMMANDS = {
     "simulate street.png -o out.png": [
         ("--exposure-ms -5", "--exposure-ms = -5.0: must be"),
         ("--lux 1,2", "--lux: must be one value"),
+        ("--light street,dusk", "--light: must be one value"),
         ("-o out.txt", "suffix"),
         ("--ego-kmh 80 --dx 3", "--ego-kmh: cannot be combined with dx and dy"),
         ("--hdr 0.5", "captures: number 2 saturates at"),

@@ -136,6 +136,24 @@ def test_what_light_on_a_photograph_means(capsys, anchor):
     assert ("brightness is used as reflectance" in capsys.readouterr().out) == (not anchor)
 
 
+@pytest.mark.parametrize(
+    ("words", "light"),
+    [
+        ("--light street", "street: 1 lux, led-4000, low beam"),
+        ("--light street --headlamp off", "street: 1 lux, led-4000"),
+        ("--light street --headlamp off --illuminant lamp.csv", "street: 1 lux, own"),
+        (
+            "--light street --headlamp high --illuminant sodium --object 50,30,20,16 --distance-m 30",
+            "street: 1 lux, sodium, high beam",
+        ),
+    ],
+)
+def test_a_named_light_is_told_as_it_shines(capsys, words, light):
+    Path("lamp.csv").write_text("400,1\n700,2\n")
+    facts, _ = taken(capsys, "street.png", f"{words} --camera imx250c")
+    assert facts["light"] == light
+
+
 def test_it_explains_what_it_models(capsys):
     words = ["simulate", "street.png", "-o", "out.png", "--dx", "900", "--explain"]
     assert main(words) == 0

@@ -100,6 +100,14 @@ def test_a_later_part_resets_what_it_excludes():
     assert State.of_query("ego-kmh=36&dx=50", USUAL) == State.of_query("dx=50", USUAL)
 
 
+def test_the_spectrum_of_a_file_survives_a_query():
+    own = QUANTITIES["illuminant"].choice_index("own")
+    state = USUAL.put("illuminant", own)
+    assert State.of_query(state.query(USUAL), USUAL).at["illuminant"] == own
+    usual = State.of_query(USUAL.query(state), state).at["illuminant"]
+    assert text_of(QUANTITIES["illuminant"], usual) == "D55"
+
+
 def test_a_query_may_name_a_light():
     at = State.of_query("light=sodium-street", State()).at
     assert at["illuminance_lux"] == 20.0

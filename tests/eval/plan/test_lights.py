@@ -69,6 +69,20 @@ def test_refused(settings, words):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("400,-1\n700,2\n", "lamp.csv: illuminant: power at 400 nm = -1: must be >= 0"),
+        ("400,1\n300,2\n", "lamp.csv: illuminant: gives no visible light"),
+        ("900,1\n1000,1\n", "lamp.csv: illuminant: gives no visible light"),
+    ],
+)
+def test_a_file_without_visible_light_is_refused(tmp_path, rows, words):
+    (tmp_path / "lamp.csv").write_text(rows)
+    with pytest.raises(ValueError, match=words):
+        SweepPlan.of({**ASKED, "illuminant": str(tmp_path / "lamp.csv")})
+
+
 def test_a_plan_in_python_refuses_other_lux_beside_a_light():
     grid = {"exposure_s": (0.01,), "illuminance_lux": (5.0,)}
     with pytest.raises(ValueError, match="light, illuminance_lux"):
@@ -121,11 +135,18 @@ def test_an_own_spectrum_travels_with_the_plan(tmp_path):
 def test_a_scene_has_one_light():
     assert SceneFile.of({"light": "street"}).at()["illuminant"] == SPECTRUM.choice_index("led-4000")
     assert SceneFile.of({}).at().get("illuminant") is None
-    with pytest.raises(ValueError, match="lux: must be one value"):
+    with pytest.raises(ValueError, match=r"^light: must be one value"):
         SceneFile.of({"light": "street,dusk"}).at()
+    with pytest.raises(ValueError, match=r"^lux: must be one value"):
+        SceneFile.of({"lux": "1,2"}).at()
 
 
 def test_the_spectra_a_search_spans_are_those_of_the_lights():
     plan = SweepPlan.of({**ASKED, "light": "street,lit-street"})
     assert plan.spanned["illuminant"] == (axis("illuminant").choice_index("led-4000"),)
     assert "illuminant" not in plan.grid
+
+
+def test_no_name_is_no_light():
+    with pytest.raises(ValueError, match="light = '': must be names"):
+        SweepPlan.of({"light": ""})

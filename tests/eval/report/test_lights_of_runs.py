@@ -7,6 +7,7 @@ import pytest
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.plan.axes import LIGHT, SPECTRUM, axis
 from blurnoise_eval.plan.conditions import Conditions
+from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.settings import TestedSettings
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.columns import AxisValues
@@ -100,3 +101,11 @@ def test_a_spectrum_that_goes_with_the_light_is_no_setting_of_its_own():
 def test_a_spectrum_that_varies_at_one_lux_is_a_setting():
     of = TestedSettings([at(1.0, "led-4000"), at(1.0, "D65"), at(400.0, "D65")])
     assert of.axes == (LIGHT, axis("illuminant"))
+
+
+def test_a_spectrum_of_a_file_has_its_word_in_the_name_of_a_light():
+    street = {"name": "street", "lux": 1.0, "illuminant": "led-4000", "headlamp": "low", "source": ""}
+    grid = {SPECTRUM.name: [SPECTRUM.choice_index("own")]}
+    assert (
+        str(lights_of_run({"plan": {"light": [street], "grid": grid}})[1.0]) == "street: 1 lux, own, low beam"
+    )

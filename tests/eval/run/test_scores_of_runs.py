@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from blurnoise_eval import Run, evaluate
+from blurnoise_eval import Run, SweepPlan, evaluate
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import PictureSet, Target
 from blurnoise_eval.plan.question import Question
@@ -226,3 +226,19 @@ def test_conditions_are_left_for_training_with_saturation_and_what_is_recommende
     axes = ("illuminance_lux", "velocity_x_px_s", "gain_db", "exposure_s")
     chosen = {tuple(each[name] for name in axes) for each in held if each["recommended"]}
     assert chosen == {(5.0, 400.0, 12.0, 0.002), (50.0, 0.0, 6.0, 0.01), (50.0, 0.0, 12.0, 0.01)}
+
+
+def test_a_vehicle_that_stands_there_for_its_headlamps_can_be_trained_for(tmp_path):
+    """One that drives cannot."""
+    plan = SweepPlan.of(
+        {"lux": 1, "headlamp": "low", "exposure_ms": 10, "dx": 0, "vehicle": {"height_m": 1.3}}
+    )
+    for speed, refused in ((0.0, False), (10.0, True)):
+        rows = [score_row(**{**at.on(IMX250), "ego_speed_m_s": speed}) for at in plan.conditions()]
+        found = met_conditions(rows, {"camera": IMX250.to_dict(), "plan": plan.to_dict()})
+        (tmp_path / FILE).write_text(json.dumps(found, allow_nan=False))
+        if refused:
+            with pytest.raises(ValueError, match="ego"):
+                ExposureTable.of_run(tmp_path)
+        else:
+            assert ExposureTable.of_run(tmp_path).rows[0].headlamp == "low"

@@ -114,7 +114,8 @@ def test_what_breaks_the_plane(axes, reason):
 def test_a_rolling_shutter_breaks_the_plane_where_anything_moves(row_time_s):
     """However slow: the budget's bound ends at full scale, for short and for long exposures."""
     rolling = CAMERA.with_figures(shutter="rolling", row_time_s=row_time_s)
-    (reason,) = what_breaks(rolling, SearchSpace({**ONE_WAY, "velocity_x_px_s": (0.0, 300.0)}))
+    moving = {"exposure_s": (0.002, 0.032), "velocity_x_px_s": (0.0, 300.0)}
+    (reason,) = what_breaks(rolling, SearchSpace({**ONE_WAY, **moving}))
     assert "rolling shutter" in reason
     still = {"velocity_x_px_s": (0.0,), "velocity_y_px_s": (0.0,)}
     assert what_breaks(rolling, SearchSpace({**ONE_WAY, **still})) == []
