@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.system.terminal import (
@@ -20,25 +21,29 @@ if TYPE_CHECKING:
     from blurnoise_eval.report.run import RunData
 
 
-def print_opening(data: RunData) -> None:
-    """Print the answers of a run in ASCII: sentences, the table of lights and speeds, limits, what to do next."""
+def print_opening(data: RunData, run: str) -> None:
+    """Print the answers of a run in ASCII: sentences, the table of lights and speeds of each model, limits, what to
+    do next. run: the folder or URL of the run."""
     from blurnoise_eval.report.opening import MAX_ROWS, MAX_SPEEDS, opening, table_rows
 
-    found, wide = opening(data), width() or PROSE
+    found, wide = opening(data, shlex.quote(run)), width() or PROSE
     for sentence in found.sentences:
         say_wrapped(_in_ascii(sentence))
-    if found.rows:
+    left_out = 0
+    for table in (found, *found.further) if found.rows else ():
         for speeds in range(MAX_SPEEDS, -1, -1):  # as many as fit
-            heads, rows, hidden = table_rows(found, MAX_ROWS, speeds)
+            heads, rows, hidden = table_rows(table, MAX_ROWS, speeds)
             plain = (False,) * len(heads)
             lines = table_lines(heads, rows, plain, None if speeds else wide - 2, rule=False)
             if max(map(len, lines)) + 2 <= wide:
                 break
-        name = f"{found.model}: " if len(data.models) > 1 else ""
+        name = f"{table.model}: " if len(data.models) > 1 else ""
         say("")
-        say_wrapped(_in_ascii(f"{name}{found.caption}"))
+        say_wrapped(_in_ascii(f"{name}{found.caption}" if table is found else name))
         say(*(f"  {_in_ascii(line)}" for line in lines))
-        more = f". {hidden} more entries: recommendations.csv" if hidden else ""
+        left_out += hidden
+    if found.rows:
+        more = f". {left_out} more entries: recommendations.csv" if left_out else ""
         say_wrapped(_in_ascii(found.legend + more), 2, 2)
     for title, text in found.notes:
         say_wrapped(_in_ascii(f"{title}: {text}"), hanging=2)

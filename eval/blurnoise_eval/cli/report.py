@@ -106,7 +106,7 @@ def print_run(
         more = [f"{len(classes) - _MOST_LABELS} more classes"] if len(classes) > _MOST_LABELS else []
         found = f"{counted(sum(labels.values()), 'target')}, detected in the original pictures"
         say_wrapped(f"{name}: {found}: {', '.join(classes[:_MOST_LABELS] + more)}", hanging=2)
-    print_opening(done.tables)
+    print_opening(done.tables, str(summary["run"]))
     for line in done.strategy_sentences():
         say_wrapped(line)
     for group in summary["withheld"]:

@@ -39,11 +39,9 @@ def lines(
     for row in spread(limit.lights, _SHOWN):
         best = "no cap needed"
         if row.best_s is not None and row.from_s is not None and row.to_s is not None:
-            best = f"{milliseconds(row.best_s)}{_between(row.from_s, row.to_s)}"
+            best = f"{milliseconds(row.best_s)}{_between(row.from_s, row.to_s) if _told(limit) else ''}"
         shown = [_number(row.value), "-" if row.saturated is None else f"{100 * row.saturated:.0f} %", best]
-        cells.append(
-            [f"{row.illuminance_lux:.4g}", milliseconds(row.exposure_s), f"{row.gain_db:.1f}", *shown]
-        )
+        cells.append([_lux(row.illuminance_lux), milliseconds(row.exposure_s), f"{row.gain_db:.1f}", *shown])
     yield from table_lines(heads, cells, (True,) * 5 + (False,), width)
     yield ""
     cap = cap_of(limit)
@@ -63,12 +61,12 @@ def sentence(limit: ExposureCap) -> str:
     over = f"From {lights[0]:.4g} to {_lux(lights[-1])} lux auto exposure then {does}"
     if limit.limit_s >= limit.longest_s * (1 - 1e-9):
         return f"No cap below {milliseconds(limit.longest_s)} ms, the longest exposure, is better. {over}."
-    between = _between(limit.from_s, limit.to_s)
-    same = (
-        f", and the pictures cannot tell{between.replace('(', '').replace(')', '')} ms apart"
-        if between
-        else ""
-    )
+    same = ""
+    if not _told(limit):
+        same = f"; {counted(len(limit.problem.clusters), 'picture')} are too few to tell caps apart"
+    elif limit.to_s > limit.from_s:
+        ends = f"{milliseconds(limit.from_s)} to {milliseconds(limit.to_s)}"
+        same = f"; the pictures cannot tell caps from {ends} ms apart"
     return f"Cap the exposure time at {milliseconds(limit.limit_s)} ms{same}. {over}."
 
 
@@ -79,18 +77,21 @@ def cost(limit: ExposureCap, program_value: float | None, even: bool) -> str:
     ends = dict.fromkeys((effects[0], effects[-1]))
     text = f"Against {longest} ms it {' and '.join(_effect(end, unit) for end in ends)}."
     darkest = limit.lights[0]
-    more = ", the most that the camera has" if darkest.lacks_gain else ""
+    more = (
+        ", the most that the camera has, and pictures are darker than it wants" if darkest.lacks_gain else ""
+    )
     text += f" At {darkest.illuminance_lux:.4g} lux the gain is then {darkest.gain_db:.1f} dB{more}."
     if program_value is not None and limit.schedule.value is not None:
-        text += (
-            f" A program, with times for each light, reaches {program_value - limit.schedule.value:.3f} more."
-        )
+        gained = program_value - limit.schedule.value
+        better = f"reaches {gained:.3f} more" if gained >= 0.0005 else "is not better"
+        text += f" A program, with times for each light, {better}."
     if bright := [row for row in limit.lights if row.too_bright]:
         text += f" From {_lux(bright[0].illuminance_lux)} lux on pictures are too bright at the shortest exposure."
     shares = ", ".join(f"{effect.speed_px_s:.4g} {unit} {effect.share:.2g}" for effect in effects)
     given = "equal because none were given; see --speeds" if even else "as given"
     pictures = counted(len(limit.problem.clusters), "picture")
-    return f"{text} Shares of the speeds: {shares} ({given}). {pictures}, intervals of 95 %."
+    sure = ", intervals of 95 %" if _told(limit) else ""
+    return f"{text} Shares of the speeds: {shares} ({given}). {pictures}{sure}."
 
 
 def _effect(effect: SpeedEffect, unit: str) -> str:
@@ -104,6 +105,11 @@ def _effect(effect: SpeedEffect, unit: str) -> str:
         within = f" ({low:.3f} to {high:.3f})"
     where = "at rest" if effect.speed_px_s == 0 else f"at {effect.speed_px_s:.4g} {unit}"
     return f"{verb} {sign * effect.difference:.3f}{within} {where}"
+
+
+def _told(limit: ExposureCap) -> bool:
+    """Whether the pictures are enough for intervals."""
+    return limit.low is not None
 
 
 def _between(from_s: float, to_s: float) -> str:

@@ -32,6 +32,7 @@ from blurnoise_eval.system.terminal import PROSE, paragraph, plain, table_lines
 
 _DAYLIGHT_LUX = each_light("daylight")[0].lux
 _SAME_STOPS = 0.05  # a difference that no picture shows, and the rounding of files to whole us
+_LEAST_SHOWN = 0.0005  # in three decimals
 _SHOWN = 12  # lights of the table
 _EXTRAPOLATED = " (extrapolated: shorter than any tested)"
 _PROGRAM: dict[str, Any] = {"color": COLOURS[0], "lw": 2, "marker": "o", "ms": 3.5}
@@ -104,6 +105,8 @@ def sentence(program: Program) -> str:
     pictures = counted(len(problem.clusters), "picture")
     if program.regret_95 is None:
         return f"{start} {pictures} are too few to say how much better another program could be."
+    if program.regret_95 < _LEAST_SHOWN:
+        return f"{start} No other program within these limits is better (95 %, {pictures})."
     return f"{start} No other program is better by more than {program.regret_95:.3f} (95 %, {pictures})."
 
 

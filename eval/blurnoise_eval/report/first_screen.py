@@ -16,6 +16,7 @@ from blurnoise_eval.answers.rows import AnswerRow
 from blurnoise_eval.plan.axes import EXPOSURE
 from blurnoise_eval.plots.style import line_colours, spread
 from blurnoise_eval.report.run import RunData
+from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.rows import Example
 
 WIDTH, HEIGHT = 460, 250
@@ -41,8 +42,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Figure:
-    """The mean score over the exposure, a line for each light. x, y: place and text of the ticks; level: the height
-    of the criterion."""
+    """The mean score over the exposure, a line for each light or speed. x, y: place and text of the ticks; level:
+    the height of the criterion."""
 
     title: str
     x_title: str
@@ -53,12 +54,20 @@ class Figure:
 
 
 def main_figure(data: RunData, model: str | None) -> Figure | None:
-    """The figure of one model; None where no exposures can be compared."""
-    means: dict[tuple[float, ...], dict[float, float]] = {}
-    for setting in spread(data.settings.every, MOST_LINES):
-        of = [a for a in data.answers if a.model == model and data.settings.of(a.conditions) == setting]
-        if len(found := _means(of)) > 1:
-            means[setting] = found
+    """The figure of one model, a line for each speed where there is one light; None where no exposures can be
+    compared."""
+    by_speed = len(data.settings.every) == 1
+
+    def line_of(at: AxisValues) -> tuple[float, ...]:
+        return (round(float(data.speed.of(at)), 6),) if by_speed else data.settings.of(at)
+
+    answers: dict[tuple[float, ...], list[AnswerRow]] = {}
+    for answer in data.answers:
+        if answer.model == model:
+            answers.setdefault(line_of(answer.conditions), []).append(answer)
+    means = {
+        key: found for key in spread(sorted(answers), MOST_LINES) if len(found := _means(answers[key])) > 1
+    }
     exposures = sorted({at for found in means.values() for at in found})
     if not exposures or not all(0 < at < math.inf for at in exposures):
         return None
@@ -73,9 +82,9 @@ def main_figure(data: RunData, model: str | None) -> Figure | None:
         return round(TOP + (1 - value / most) * (HEIGHT - TOP - BOTTOM), 1)
 
     chosen = {
-        data.settings.of(row.conditions): row.exposure_s
+        (round(row.speed or 0.0, 6),) if by_speed else data.settings.of(row.conditions): row.exposure_s
         for row in data.recommendations
-        if row.model == model and row.scope == "light"
+        if row.model == model and row.scope == ("condition" if by_speed else "light")
     }
     colours = zip(
         line_colours("viridis", len(means)), line_colours("viridis", len(means), dark=True), strict=True
@@ -85,18 +94,23 @@ def main_figure(data: RunData, model: str | None) -> Figure | None:
         use = chosen.get(setting)
         dot = (x_of(use), y_of(found[use])) if use in found and use is not None else None
         points = tuple((x_of(at), y_of(value)) for at, value in sorted(found.items()))
-        axes = zip(data.settings.axes, setting, strict=True)
-        name = " · ".join(data.settings.short_text(axis, value) for axis, value in axes)
+        if by_speed:
+            name = data.speed.text(setting[0])
+        else:
+            axes = zip(data.settings.axes, setting, strict=True)
+            name = " · ".join(data.settings.short_text(axis, value) for axis, value in axes)
         lines.append(Line(name, colour, by_night, points, dot))
     grid = [at for at in data.axes[0].values[: data.axes[0].count] if exposures[0] <= at <= exposures[-1]]
     ticks = tuple((x_of(at), f"{EXPOSURE.shown(at):g}") for at in spread(grid, MOST_TICKS))
     heights = tuple((y_of(value), f"{value:g}") for value in (0.0, 0.5, 1.0))
-    title = f"{data.criterion.title[0].upper()}{data.criterion.title[1:]} over the exposure"
+    title = data.criterion.title[0].upper() + data.criterion.title[1:]
+    title = f"{model}: {data.criterion.title}" if len(data.model_names) > 1 else title
+    title += f" over the exposure, mean of {'' if by_speed else 'speeds and '}kinds of target"
     return Figure(title, "Exposure / ms", tuple(lines), ticks, heights, y_of(data.criterion.level))
 
 
 def _means(answers: Sequence[AnswerRow]) -> dict[float, float]:
-    """The mean over speeds and kinds of target by exposure; of those that were tested in all of them, s."""
+    """The mean of some answers by exposure, s; at those that were tested in all of them."""
     rows = [
         {s: value for s, value in zip(answer.exposures_s, answer.confidence, strict=True) if value == value}
         for answer in answers

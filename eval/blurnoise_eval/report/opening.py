@@ -43,7 +43,7 @@ class Opening:
     model: whose table it is, the best of several; None without an answer. sentences: the answer. heads, rows: the
     table of light x speed, of the exposures to use: '3 ms 0.88 works'; caption: what its entries are, legend: what
     the verdicts mean. notes: (title, text) of what limits the model, and of what to do next. lights: a line for each
-    light of a run with headlamps, and what is to be known of it.
+    light of a run with headlamps, and what is to be known of it. further: the tables of the other models alone.
     """
 
     model: str | None
@@ -54,10 +54,11 @@ class Opening:
     legend: str = ""
     notes: tuple[tuple[str, str], ...] = ()
     lights: tuple[str, ...] = ()
+    further: tuple[Opening, ...] = ()
 
 
-def opening(data: RunData) -> Opening:
-    """The opening of a run."""
+def opening(data: RunData, run: str = "RUN") -> Opening:
+    """The opening of a run. run: where it is, for commands to copy."""
     every = [_OfModel(data, name) for name in ranked(data)]
     answered = [each for each in every if each.lights]
     reasons = data.manifest.get("withheld_models", {})
@@ -78,12 +79,13 @@ def opening(data: RunData) -> Opening:
     title, level = data.criterion.title, data.criterion.level
     caption = f"Exposure to use, {title} and verdict:"
     legend = f"works: 95 % interval at or above {level:g}; fails: below; ?: cannot tell" + settled_legend(
-        (*best.lights, *best.conditions)
+        [row for each in answered[:MAX_MODELS] for row in (*each.lights, *each.conditions)]
     )
-    notes = ("What limits it", best.limits()), ("What to do next", best.next_steps())
+    notes = ("What limits it", best.limits()), ("What to do next", best.next_steps(run))
     shown = tuple(each for each in notes if each[1])
     lights = tuple(data.manifest.get("light", ()))
-    return Opening(best.model, tuple(sentences), *best.table(), caption, legend, shown, lights)
+    further = tuple(Opening(each.model, (), *each.table()) for each in answered[1:MAX_MODELS])
+    return Opening(best.model, tuple(sentences), *best.table(), caption, legend, shown, lights, further)
 
 
 def ranked(data: RunData) -> list[str]:
@@ -395,8 +397,8 @@ class _OfModel:
         automatic = all(row.conditions[GAIN.name] == AUTOMATIC for row in self.lights)
         return self.by_light and self.whole is not None and self.varied == ["light"] and automatic
 
-    def next_steps(self) -> str:
-        """What to do for a surer answer, or with this one."""
+    def next_steps(self, run: str) -> str:
+        """What to do for a surer answer, or with this one. run: where it is."""
         n = len(self.conditions)
         unknown = sum(row.verdict == CANNOT_TELL for row in self.conditions)
         most = max(self.conditions, key=attrgetter("n_pictures"))
@@ -415,7 +417,7 @@ class _OfModel:
                 text = EXPOSURE.text(end[0])
                 parts.append(f"Test {side[:-3]}er exposures: {text} is the {side} tested.")
         if self._suits_a_program:
-            parts.append("Make the camera's exposure program with 'blurnoise program RUN -o program'.")
+            parts.append(f"Make the camera's exposure program with 'blurnoise program {run} -o program'.")
         return (
             " ".join(parts) or "Check this with pictures of other scenes. With these, every verdict is clear."
         )

@@ -1,6 +1,8 @@
 """A sweep at the command line: what it leaves, that it goes on, and one line for whatever stops it."""
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -116,12 +118,21 @@ def test_the_first_screen_fits_and_has_no_colour(tmp_path, capsys, monkeypatch, 
     data = made_run(tmp_path, n_examples=0, **shape)
     for wide in (40, 60, 80, 100, 160):
         monkeypatch.setenv("COLUMNS", str(wide))
-        print_opening(data)
+        print_opening(data, "run")
         lines = capsys.readouterr().out.splitlines()
         assert lines
         assert max(map(cell_len, lines)) <= wide
         assert not any("\x1b" in line or "…" in line for line in lines)
-        assert wide < 80 or len(lines) <= (20 if data.manifest["models"][1:] == [] else 40)
+        assert wide < 80 or len(lines) <= (20 if data.manifest["models"][1:] == [] else 48)
+
+
+def test_the_advice_names_the_run_itself(tmp_path, capsys):
+    data = made_run(tmp_path, n_examples=0)
+    automatic = [
+        replace(row, conditions=row.conditions.but(gain_db=math.inf)) for row in data.recommendations
+    ]
+    print_opening(replace(data, recommendations=automatic), "runs/first")
+    assert "'blurnoise program runs/first -o program'" in " ".join(capsys.readouterr().out.split())
 
 
 # --- names that files bring are printed as they stand ---

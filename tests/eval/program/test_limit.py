@@ -1,6 +1,7 @@
 """One cap of the exposure time: the best of all, with what it loses and saves; and its words."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,6 +84,17 @@ def test_words_say_cap_shares_and_gain(limit):
     assert f"At 1 lux the gain is then {limit.lights[0].gain_db:.1f} dB" in text
     assert "A program, with times for each light, reaches 0.010 more." in text
     assert f"setAutoExposureLimit({int(1e6 * limit.limit_s)})" in text
+
+
+def test_too_few_pictures_tell_no_caps_apart(limit):
+    few = replace(limit, low=None, high=None)
+    assert limit_report.sentence(few).split(". ")[0].endswith("; 24 pictures are too few to tell caps apart")
+    wide = replace(limit, from_s=0.001, to_s=0.03)
+    assert "; the pictures cannot tell caps from 1 to 30 ms apart." in limit_report.sentence(wide)
+
+
+def test_a_program_that_is_not_better_is_said(limit):
+    assert "A program, with times for each light, is not better." in limit_report.cost(limit, 0.1, False)
 
 
 def test_files_have_the_cap_in_whole_us(limit, tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -175,3 +176,9 @@ def test_daylight_that_saturates_is_said_and_is_in_the_file(tmp_path):
         f"Daylight saturates: 20000 lux are {math.log2(20e3 / from_lux):.1f} stops too bright"
     )
     assert report.daylight(optimise(made_problem())) == ""
+
+
+def test_limits_that_leave_one_program_are_said(program):
+    """'No other program is better by more than 0.000' was all that 50 Hz left."""
+    said = report.sentence(replace(program, regret_95=0.0))
+    assert said.endswith("No other program within these limits is better (95 %, 24 pictures).")

@@ -33,6 +33,16 @@ def test_the_figure_has_the_score_of_each_light_at_its_exposure(tmp_path):
     assert [text for _, text in figure.x] == ["1", "4", "16", "64"]
 
 
+def test_the_figure_of_one_light_has_a_line_for_each_speed(tmp_path):
+    data = made_run(tmp_path, lights_lux=(200.0,), models=("a", "b"), n_examples=0)
+    figure = first_screen.main_figure(data, "b")
+    rows = [row for row in data.recommendations if (row.scope, row.model) == ("condition", "b")]
+    assert [line.name for line in figure.lines] == ["0 px/s", "600 px/s"]
+    scores = [heights_to_scores(figure)(line.chosen[1]) for line in figure.lines]
+    assert scores == pytest.approx([row.score.known for row in rows], abs=1e-3)
+    assert figure.title == "b: mean confidence over the exposure, mean of kinds of target"
+
+
 @pytest.mark.parametrize("shape", [{"exposures_s": (0.004,)}, {"groups": {}}])
 def test_without_two_exposures_or_targets_there_is_no_figure(tmp_path, shape):
     data = made_run(tmp_path, n_examples=0, **shape)

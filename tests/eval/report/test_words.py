@@ -122,7 +122,11 @@ def text_of(name, folder):
     shown = opening(data)
     lines = [f"== {name}", *shown.sentences, *(f"{title}: {text}" for title, text in shown.notes)]
     heads, rows, _ = table_rows(shown, 9, 9) if shown.rows else ([], [], 0)
-    lines += [" | ".join(row) for row in ([shown.caption], heads, *rows) if row] + [shown.legend]
+    lines += [" | ".join(row) for row in ([shown.caption], heads, *rows) if row]
+    for other in shown.further:
+        heads, rows, _ = table_rows(other, 9, 9)
+        lines += [" | ".join(row) for row in ([f"{other.model}:"], heads, *rows)]
+    lines.append(shown.legend)
     scored = {score for row in (*data.models, *data.scores) for score in row.scores}
     of_kind = of_models(shape.get("kind", "detector"))
     shown_rows = (
