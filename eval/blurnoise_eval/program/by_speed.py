@@ -27,7 +27,7 @@ PX_S_PER_KMH = 10.0
 moves by 1000 px/s at 100 km/h (``blurnoise motion``). Scores that were measured correct it."""
 _LOCAL = 0.4
 """Deviation of a predicted score beside the spread of the scores that it is predicted from, both as shares of the
-surface's scale. Chosen on runs of imx477, imx219, ar0132c and the usual lights, 20 rendered pictures each: with it 93 to
+surface's scale. Chosen on runs of imx477, imx219, ar0132c and the usual lights, 20 rendered pictures: with it 93 to
 100 % of their held-back scores lie within the 95 % interval, kept exposures being 1 to 2.5 stops apart."""
 _LEAST_SPREAD = 0.03  # below it scores differ by their noise
 _SLOW_PX_S = 1e-3  # stands for a speed of 0, which has no logarithm: no exposure blurs by it
