@@ -316,15 +316,23 @@ def _bilinear(plane: Tensor, cfa: str) -> Tensor:
         sites["RGB".index(letter.replace("C", "G")), 0, site // 2, site % 2] = 1.0
     height, width = plane.shape[-2:]
     here = sites.repeat(1, 1, (height + 1) // 2, (width + 1) // 2)[None, :, 0, :height, :width]
-    # Weights of the mean of the nearest pixels: green has four neighbours, red and blue two or, diagonally, four.
-    cross = plane.new_tensor([[0, 1, 0], [1, 4, 1], [0, 1, 0]]) / 4
-    square = plane.new_tensor([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4
     if cfa == "RCCC":  # the four neighbours of a red pixel are clear
-        red = here[:, :1]
-        around = (
-            nn.functional.conv2d(nn.functional.pad(plane, (1, 1, 1, 1), mode="reflect"), cross[None, None])
-            - plane
-        )
-        return torch.where(red > 0, around, plane).expand(-1, 3, -1, -1)
-    around = nn.functional.pad(plane * here, (1, 1, 1, 1), mode="reflect")
-    return nn.functional.conv2d(around, torch.stack([square, cross, square])[:, None], groups=3)
+        red, framed = here[:, :1], nn.functional.pad(plane, (1, 1, 1, 1), mode="reflect")
+        return torch.where(red > 0, _four_nearest(framed) / 4, plane).expand(-1, 3, -1, -1)
+    red, green, blue = nn.functional.pad(plane * here, (1, 1, 1, 1), mode="reflect").split(1, dim=1)
+    return torch.cat([_along_both(red), _four_nearest(green) / 4 + green[..., 1:-1, 1:-1], _along_both(blue)], 1)
+
+
+# Sums of shifted planes, not a convolution: in double precision PyTorch's rounds by the size of the batch.
+
+
+def _four_nearest(framed: Tensor) -> Tensor:
+    """The sum of the pixels above, below, left and right of the inner ones of planes with a margin of one pixel."""
+    across = framed[..., 1:-1, :-2] + framed[..., 1:-1, 2:]
+    return across + (framed[..., :-2, 1:-1] + framed[..., 2:, 1:-1])
+
+
+def _along_both(framed: Tensor) -> Tensor:
+    """The mean of the nearest pixels of red or blue: itself, two neighbours in line, or four diagonal ones."""
+    across = framed[..., 1:-1] + (framed[..., :-2] + framed[..., 2:]) / 2
+    return across[..., 1:-1, :] + (across[..., :-2, :] + across[..., 2:, :]) / 2
