@@ -38,9 +38,9 @@ def found(detections):
     return int((detections.scores >= THRESHOLD).sum())
 
 
-def confidence(size_px, *, exposure_s, lux, blur_px=0.0):
-    """Of the drawn sign, mean over a background of each kind."""
-    pictures = rendered_signs((size_px,), count=4).pictures
+def confidence(size_px, *, exposure_s, lux, blur_px=0.0, backgrounds=4):
+    """Of the drawn sign, mean over backgrounds of each kind."""
+    pictures = rendered_signs((size_px,), count=backgrounds).pictures
     scenes = np.stack([picture.load() for picture in pictures])
     dn = simulate(
         torch.from_numpy(scenes).permute(0, 3, 1, 2).float().div(255).contiguous(),
@@ -48,7 +48,7 @@ def confidence(size_px, *, exposure_s, lux, blur_px=0.0):
         exposure_s=exposure_s,
         illuminance_lux=lux,
         velocity_px_s=(blur_px / exposure_s, 0.0),
-        generator=[1, 2, 3, 4],
+        generator=list(range(1, backgrounds + 1)),
     )
     seen = develop_8bit(dn, CAMERA).permute(0, 2, 3, 1).contiguous().numpy()
     boxes = [target.box_xyxy for picture in pictures for target in picture.targets or ()]
@@ -96,15 +96,19 @@ def test_finds_every_sign_of_the_default_sweep():
 
 @pytest.mark.slow
 def test_a_longer_blur_takes_larger_signs():
-    """The largest signs fail last, and none comes back. Which of 50 and 32 px fails first differs by training."""
+    """The largest signs fail last, the others beyond 64 px, and none comes back.
+
+    Over 20 backgrounds signs of 50 and 32 px fail near each other, and which does first differs by training.
+    """
     blurs = [0, 4, 8, 15, 27, 41, 48, 56, 60, 64, 69, 74, 79, 85, 92, 100, 108, 116, 125]
     curves = {
-        size: [confidence(size, exposure_s=0.02, lux=50, blur_px=blur) for blur in blurs] for size in SIZES_PX
+        size: [confidence(size, exposure_s=0.02, lux=50, blur_px=blur, backgrounds=20) for blur in blurs]
+        for size in SIZES_PX
     }
     fails = [first_below(blurs, curves[size]) for size in SIZES_PX]
     assert all(curves[size][0] > 0.7 for size in SIZES_PX)
     assert blurs[-1] >= fails[0] > max(fails[1:])
-    assert min(fails[1:]) > 30
+    assert min(fails[1:]) > 64
     for size in SIZES_PX:
         assert max(curves[size][blurs.index(int(first_below(blurs, curves[size]))) :]) < 0.6
 
