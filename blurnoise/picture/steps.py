@@ -319,7 +319,7 @@ def _bilinear(plane: Tensor, cfa: str) -> Tensor:
     if cfa == "RCCC":  # the four neighbours of a red pixel are clear
         red, framed = here[:, :1], nn.functional.pad(plane, (1, 1, 1, 1), mode="reflect")
         return torch.where(red > 0, _four_nearest(framed) / 4, plane).expand(-1, 3, -1, -1)
-    red, green, blue = nn.functional.pad(plane * here, (1, 1, 1, 1), mode="reflect").split(1, dim=1)
+    red, green, blue = torch.chunk(nn.functional.pad(plane * here, (1, 1, 1, 1), mode="reflect"), 3, 1)
     return torch.cat(
         [_along_both(red), _four_nearest(green) / 4 + green[..., 1:-1, 1:-1], _along_both(blue)], 1
     )
