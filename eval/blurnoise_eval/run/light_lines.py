@@ -167,9 +167,11 @@ def _notes(every: Sequence[HeadlitFacts]) -> Iterator[str]:
         )
     boxes = [target for target in targets if not target.outlined]
     if boxes:
+        octagons = any(target.label == "stop sign" for target in boxes)
         yield (
-            f"{len(boxes)} of {counted(total, 'target')} have no outline: the whole box shines; 17 % of an octagon's "
-            "box is not sign."
+            f"{len(boxes)} of {counted(total, 'target')} have no outline: the whole box shines"
+            + "; 17 % of an octagon's box is not sign" * octagons
+            + "."
         )
 
 
