@@ -12,24 +12,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.answers.table import ScoreTable, same_rows
-from blurnoise_eval.plan.axes import EGO, EXPOSURE, LIGHT
-from blurnoise_eval.run.surface import Predicted, Trend
+from blurnoise_eval.plan.axes import EGO, EXPOSURE, LIGHT, LIT
+from blurnoise_eval.program.held_back import UNKNOWN, share_of_spread, spread_around, can_be_held_back
+from blurnoise_eval.run.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.scoring.uncertainty import ratio_of_sums
 
 PX_S_PER_KMH = 10.0
 """Motion that guides the surface of a driving camera: a sign 5 m beside and 12.5 m ahead, in 1280 px over 60 degrees,
 moves by 1000 px/s at 100 km/h (``blurnoise motion``). Scores that were measured correct it."""
-_LOCAL = 0.4
-"""Deviation of a predicted score beside the spread of the scores that it is predicted from, both as shares of the
-surface's scale. Chosen on runs of imx477, imx219, ar0132c and the usual lights, 20 rendered pictures: with it 93 to
-100 % of their held-back scores lie within the 95 % interval, kept exposures being 1 to 2.5 stops apart."""
-_LEAST_SPREAD = 0.03  # below it scores differ by their noise
+_SAME = 1e-6  # a share of a light by which it is another
+_LEAST_VARIANCE = 1e-18  # of a surface, beside which that at its nodes is a rounding error
 _SLOW_PX_S = 1e-3  # stands for a speed of 0, which has no logarithm: no exposure blurs by it
 Array = NDArray[np.float64]
 
@@ -67,19 +67,34 @@ class OnPlane:
         """The surface, with the numbers of all these speeds."""
         yield self.plane, [*range(len(list(speeds)))]
 
-    def covariance(self, surface: Predicted, places: Array) -> Array:
-        """Covariance (M, M) of a surface's prediction at places (M, 2)."""
-        return surface.surface.covariance(places)
+    def covariance(self, speed: float, places: Array) -> Array:
+        """Covariance (M, M) of the prediction at places (M, 2), with ``CAUTION`` times its standard error."""
+        return CAUTION**2 * self.plane.surface.covariance(places)
+
+
+class AtSpeed(Predicted):
+    """The surface of one speed, px/s, through everything that was measured at it under light."""
+
+    def __init__(self, table: ScoreTable, trend: Trend, speed_px_s: float) -> None:
+        lights, exposures = table.conditions[LIGHT.name], table.conditions[EXPOSURE.name]
+        super().__init__(table, trend, places_at(exposures, lights, speed_px_s))
+        self._speed_px_s = speed_px_s
+
+    def lights(self, places: Array) -> Array:
+        """Of places (M, 2), lux (M,)."""
+        return np.asarray(np.exp2(places[:, 0] - places[:, 1]) * max(self._speed_px_s, _SLOW_PX_S))
 
 
 @dataclass(frozen=True, eq=False)
 class BySpeed:
     """The surfaces of one kind of target by speed; speeds in px/s, or in km/h where the camera drives.
 
-    px_s: of one unit of speed.
+    px_s: of one unit of speed. kinds: what each tested light, lux, is by its spectrum and headlamps, from dark to
+    bright.
     """
 
-    surfaces: Mapping[float, Predicted]
+    surfaces: Mapping[float, AtSpeed]
+    kinds: Mapping[float, tuple[float, ...]]
     px_s: float = 1.0
 
     @classmethod
@@ -96,9 +111,13 @@ class BySpeed:
             own = own.merged(
                 same_rows([own.conditions[name] for name in (LIGHT.name, EXPOSURE.name)], len(own))
             )
-            lights, exposures = own.conditions[LIGHT.name], own.conditions[EXPOSURE.name]
-            surfaces[speed] = Predicted(own, trend, places_at(exposures, lights, px_s * speed))
-        return cls(surfaces, px_s)
+            surfaces[speed] = AtSpeed(own, trend, px_s * speed)
+        columns = [lit.conditions[name] for name in (LIGHT.name, *LIT)]
+        kinds = {
+            light: tuple(kind)
+            for light, *kind in sorted(zip(*(each.tolist() for each in columns), strict=True))
+        }
+        return cls(surfaces, kinds, px_s)
 
     @property
     def clusters(self) -> tuple[str, ...]:
@@ -110,7 +129,7 @@ class BySpeed:
         """The greatest value of a mean."""
         return next(iter(self.surfaces.values())).most
 
-    def surface(self, speed: float) -> Predicted:
+    def surface(self, speed: float) -> AtSpeed:
         """That of a speed. Raises ``ValueError`` for one that was not tested."""
         if speed not in self.surfaces:
             tested = ", ".join(f"{each:g}" for each in self.surfaces)
@@ -124,21 +143,40 @@ class BySpeed:
         """(N, 2) of N exposures on the surface of a speed."""
         return places_at(exposures_s, illuminance_lux, self.px_s * speed)
 
-    def parts(self, speeds: Iterable[float]) -> Iterator[tuple[Predicted, list[int]]]:
+    def parts(self, speeds: Iterable[float]) -> Iterator[tuple[AtSpeed, list[int]]]:
         """The surfaces of these speeds, each with the numbers of the speeds that it predicts."""
         for number, speed in enumerate(speeds):
             yield self.surface(speed), [number]
 
-    def covariance(self, surface: Predicted, places: Array) -> Array:
-        """Covariance (M, M) of a surface's prediction at places (M, 2)."""
+    @property
+    def unknown(self) -> list[tuple[float, float]]:
+        """Lights, lux, that follow each other and between which nothing shows how wrong a surface is: neither of them
+        lies between two lights of its kind, as one must to be held back."""
+        known = can_be_held_back(self.kinds)
+        return [(dark, bright) for dark, bright in pairwise(self.kinds) if not {dark, bright} & {*known}]
+
+    @cached_property
+    def share(self) -> float:
+        """Standard deviation of a predicted score as a share of the spread of those around, from scores that are held
+        back."""
+        lit = [(each.surface, each.lights(each.places)) for each in self.surfaces.values()]
+        return share_of_spread(lit, can_be_held_back(self.kinds))
+
+    def covariance(self, speed: float, places: Array) -> Array:
+        """Covariance (M, M) of the prediction at places (M, 2) of a speed: as wide as what was held back is wrong by,
+        and as the scores around differ between lights that are :attr:`unknown`."""
+        surface = self.surface(speed)
         # The surface has one scale for all of its places. Lights of several kinds have a wide plateau beside cliffs:
         # the error is small on the one and large on the other, as is the spread of the scores around.
         fitted = surface.surface
-        weights = np.abs(fitted.weights(places))
-        squares = (fitted.values - ratio_of_sums(*surface.on(places))[:, None]) ** 2
-        spread = np.sqrt((weights * squares).sum(axis=1) / weights.sum(axis=1))
-        local = _LOCAL * np.maximum(spread, _LEAST_SPREAD) / fitted.scale
-        return np.asarray(fitted.covariance(places) * np.outer(local, local))
+        share, lights = np.full(len(places), self.share), surface.lights(places)
+        for dark, bright in self.unknown:
+            share[(lights > dark * (1 + _SAME)) & (lights < bright * (1 - _SAME))] = UNKNOWN
+        sigma = share * spread_around(fitted, places, ratio_of_sums(*surface.on(places)))
+        covariance = fitted.covariance(places)
+        # At a node both are 0, but for rounding.
+        own = np.sqrt(np.maximum(np.diag(covariance), _LEAST_VARIANCE))
+        return np.asarray(covariance * np.outer(sigma / own, sigma / own))
 
 
 def speeds_of(table: ScoreTable) -> Array:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +35,7 @@ from blurnoise_eval.program.metering_by_light import MeteringByLight
 from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search_space import SearchSpace, what_breaks
-from blurnoise_eval.run.surface import CAUTION, Predicted, Trend
+from blurnoise_eval.run.surface import Predicted, Trend
 from blurnoise_eval.scoring.uncertainty import influence, ratio_of_sums
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import StoreError
@@ -102,16 +101,19 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
     camera, lit_by = exposure.camera, exposure.illuminant
     because = what_breaks(camera, space, run.plan.trajectory, pulsed=run.plan.pulsed)
     trend = Trend.of(camera, lit_by)
-    planes: dict[str, Predicted | BySpeed] = {table.group: BySpeed.of(table, trend) for table in tables}
+    planes: dict[str, Predicted | BySpeed]
     if because:
+        by_speed = {table.group: BySpeed.of(table, trend) for table in tables}
+        planes = {**by_speed}
         notes.append(
             "scores are those of each tested speed, interpolated over exposure and light, because "
             f"lux x seconds alone does not tell them: {'; '.join(because)}"
         )
+        notes += _between(run, next(iter(by_speed.values())))
     else:
         planes = {plane.group: Predicted(plane, trend) for table in tables for plane in table.on_plane()}
     metering, unsure = _metering(run, name, Metering(camera, GREY, setting["temperature_c"], lit_by))
-    notes += [*unsure, *_between_kinds(run)]
+    notes += unsure
     lights = half_stops(min(space.grid[LIGHT.name]), max(space.grid[LIGHT.name]))
     speeds = sorted({line.speed_px_s for line in space.lines})
     if driving := [EGO.shown(each) for each in space.grid.get(EGO.name, ()) if any(space.grid[EGO.name])]:
@@ -172,19 +174,21 @@ def _metering(run: Run, model: str, base: Metering) -> tuple[Metering, list[str]
     ]
 
 
-def _between_kinds(run: Run) -> list[str]:
-    """Where lights follow each other that differ in spectrum or beam."""
-    lights = sorted(run.plan.light, key=lambda light: light.lux)
-    spans = [
-        f"{dark.lux:.6g} and {bright.lux:.6g} lux ({dark.name}, {bright.name})"
-        for dark, bright in pairwise(lights)
-        if any(getattr(dark, name) != getattr(bright, name) for name in LIT if name not in run.plan.grid)
-    ]
+def _between(run: Run, known: BySpeed) -> list[str]:
+    """Where nothing shows how wrong the scores between two lights are, if anywhere."""
+    names = {light.lux: f"{light.name}, " for light in run.plan.light}
+    spans = []
+    for dark, bright in known.unknown:
+        which = f"{names.get(dark, '')}{names.get(bright, '')}"
+        alike = known.kinds[dark] == known.kinds[bright]
+        why = which + ("no third of their kind" if alike else "of other spectrum or headlamps")
+        spans.append(f"between {dark:.6g} and {bright:.6g} lux ({why})")
     if not spans:
         return []
     return [
-        f"between {', between '.join(spans)} the lights differ in spectrum or headlamps: there the program's "
-        "exposures, gains and scores are interpolated from one kind of light to the other"
+        f"{', '.join(spans)} nothing was measured, and no light that was can be held back to show how wrong scores "
+        "there are: exposures, gains and scores go from one light to the other, and intervals are as wide as the "
+        "scores around differ"
     ]
 
 
@@ -333,7 +337,7 @@ class Problem:
 
     def uncertain(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> tuple[Array, Array, Array]:
         """The objective (M,), the influence of each cluster on it (C, M), and the covariance (M, M) of the surfaces'
-        predictions, with ``CAUTION`` times their standard error."""
+        predictions."""
         predicted = self.predicted(lights_lux, exposures_s)
         cases = np.array([ratio_of_sums(sums, counts) for sums, counts in predicted])
         weights = self.scenario.weights(cases)
@@ -352,9 +356,9 @@ class Problem:
         of_targets = np.moveaxis(weights.reshape(len(speeds), len(targets), -1), 1, 0)
         for target, of_target in zip(targets, of_targets, strict=True):
             known = self.inputs.known[target]
-            for surface, those in known.parts(speeds):
+            for _, those in known.parts(speeds):
                 own, weight = [[*speeds][each] for each in those], of_target[those]
                 places = np.concatenate([known.places(exposures_s, lights_lux, speed) for speed in own])
-                of_plane = known.covariance(surface, places).reshape(*weight.shape, *weight.shape)
+                of_plane = known.covariance(own[0], places).reshape(*weight.shape, *weight.shape)
                 covariance += np.einsum("vm,vmwn,wn->mn", weight, of_plane, weight)
-        return objective, total, CAUTION**2 * covariance
+        return objective, total, covariance
