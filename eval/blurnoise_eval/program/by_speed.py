@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.answers.table import ScoreTable, same_rows
 from blurnoise_eval.plan.axes import EGO, EXPOSURE, LIGHT, LIT
-from blurnoise_eval.program.held_back import UNKNOWN, share_of_spread, spread_around, can_be_held_back
+from blurnoise_eval.program.held_back import UNKNOWN, can_be_held_back, share_of_spread, spread_around
 from blurnoise_eval.run.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.scoring.uncertainty import ratio_of_sums
 
