@@ -127,14 +127,17 @@ DRIVERS = {
     "spinnaker": Driver(
         "Spinnaker (PySpin)", "of Blackfly S; the version was not looked up", "python",
         "camera.ExposureAuto.SetValue(PySpin.ExposureAuto_Continuous)\n"
+        "camera.GainAuto.SetValue(PySpin.GainAuto_Continuous)\n"
         "camera.AutoExposureExposureTimeUpperLimit.SetValue({us})",
-        "us; Chameleon3 and older call it AutoExposureTimeUpperLimit",
+        "us; Chameleon3 and older call it AutoExposureTimeUpperLimit; without GainAuto pictures go dark at the cap",
         "node AutoExposureExposureTimeUpperLimit of the camera's GenICam description",
     ),
     "pylon": Driver(
         "pylon (pypylon)", "26.9", "python",
-        "camera.AutoExposureTimeUpperLimit.Value = {us}\ncamera.ExposureAuto.Value = 'Continuous'",
-        "us; GigE cameras before SFNC 2 call it AutoExposureTimeAbsUpperLimit",
+        "camera.AutoExposureTimeUpperLimit.Value = {us}\ncamera.ExposureAuto.Value = 'Continuous'\n"
+        "camera.GainAuto.Value = 'Continuous'",
+        "us; GigE cameras before SFNC 2 call it AutoExposureTimeAbsUpperLimit; without GainAuto pictures go dark at "
+        "the cap",
         "docs.baslerweb.com/exposure-auto",
     ),
 }  # fmt: skip

@@ -94,7 +94,16 @@ def test_librealsense_has_the_options():
 
 def test_pylon_has_us():
     """Basler's emulated camera has no such node, so a stand-in."""
-    camera = SimpleNamespace(AutoExposureTimeUpperLimit=SimpleNamespace(), ExposureAuto=SimpleNamespace())
+    nodes = ("AutoExposureTimeUpperLimit", "ExposureAuto", "GainAuto")
+    camera = SimpleNamespace(**{name: SimpleNamespace() for name in nodes})
     run("pylon", camera=camera)
     assert camera.AutoExposureTimeUpperLimit.Value == 2175
-    assert camera.ExposureAuto.Value == "Continuous"
+    # Without automatic gain nothing makes up for the time that the cap takes away.
+    assert (camera.ExposureAuto.Value, camera.GainAuto.Value) == ("Continuous", "Continuous")
+
+
+def test_spinnaker_turns_gain_on_as_well():
+    camera, spinnaker = MagicMock(), MagicMock()
+    run("spinnaker", camera=camera, PySpin=spinnaker)
+    camera.AutoExposureExposureTimeUpperLimit.SetValue.assert_called_with(2175)
+    camera.GainAuto.SetValue.assert_called_with(spinnaker.GainAuto_Continuous)
