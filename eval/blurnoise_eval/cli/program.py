@@ -130,5 +130,6 @@ def program(
     say(*text)
     if about_light:
         say_wrapped(f"lux: {about_light}", hanging=2)
-    say(*inputs.notes, error=True)
+    for note in inputs.notes:
+        say_wrapped(note, error=True)
     say("", f"wrote {', '.join(path.name for path in written)} in {output}")

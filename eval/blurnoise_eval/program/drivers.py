@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 LANGUAGES = ("python", "json", "shell")
 
@@ -38,6 +38,15 @@ class Driver:
         # not str.format: the words of JSON and Python have braces of their own
         filled = self.words.replace("{us}", str(cap.us)).replace("{hundred_us}", str(cap.hundred_us))
         return filled.replace("{mode}", json.dumps(cap.mode))
+
+    def line(self, cap: Cap) -> str:
+        """The one line of the words that holds the cap, in microseconds or hundreds of them.
+
+        >>> DRIVERS["spinnaker"].line(Cap(0.0021, shortest_s=20e-6, gain=8.0))
+        'camera.AutoExposureExposureTimeUpperLimit.SetValue(2100)'
+        """
+        own = next(line for line in self.words.splitlines() if "us}" in line)
+        return replace(self, words=own).text(cap)
 
 
 @dataclass(frozen=True)

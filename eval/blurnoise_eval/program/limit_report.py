@@ -18,7 +18,6 @@ from blurnoise_eval.system.terminal import PROSE, paragraph, table_lines
 
 FILES = ("limit.json", "limit.txt")
 _SHOWN = 8  # lights of the table
-_LINE = {"spinnaker": 1}  # the line with the cap
 
 
 def lines(
@@ -46,8 +45,7 @@ def lines(
     yield ""
     cap = cap_of(limit)
     for name in ("realsense", "depthai", "spinnaker", "pylon", "v4l2"):
-        driver = DRIVERS[name]
-        yield f"{driver.name}: {driver.text(cap).splitlines()[_LINE.get(name, 0)]}"
+        yield f"{DRIVERS[name].name}: {DRIVERS[name].line(cap)}"
     yield f"picamera2, libcamera: exposure mode {json.dumps(cap.mode)}, see limit.txt"
 
 

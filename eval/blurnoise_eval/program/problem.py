@@ -186,9 +186,8 @@ def _between(run: Run, known: BySpeed) -> list[str]:
     if not spans:
         return []
     return [
-        f"{', '.join(spans)} nothing was measured, and no light that was can be held back to show how wrong scores "
-        "there are: exposures, gains and scores go from one light to the other, and intervals are as wide as the "
-        "scores around differ"
+        f"{', '.join(spans)} nothing was measured: exposures, gains and scores go from one light to the other, "
+        "and intervals are as wide as the scores around differ"
     ]
 
 

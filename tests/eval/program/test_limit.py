@@ -1,6 +1,7 @@
 """One cap of the exposure time: the best of all, with what it loses and saves; and its words."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -84,6 +85,14 @@ def test_words_say_cap_shares_and_gain(limit):
     assert f"At 1 lux the gain is then {limit.lights[0].gain_db:.1f} dB" in text
     assert "A program, with times for each light, reaches 0.010 more." in text
     assert f"setAutoExposureLimit({int(1e6 * limit.limit_s)})" in text
+
+
+def test_the_screen_has_the_cap_of_each_driver(limit):
+    lines = [*limit_report.lines(limit, None, True)]
+    cap = limit_report.cap_of(limit)
+    for driver in ("librealsense", "DepthAI", "Spinnaker", "pylon", "V4L2"):
+        (line,) = (each for each in lines if each.startswith(driver))
+        assert re.search(rf"\b({cap.us}|{cap.hundred_us})\b", line), line
 
 
 def test_too_few_pictures_tell_no_caps_apart(limit):
