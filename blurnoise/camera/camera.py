@@ -9,7 +9,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from blurnoise._core.checks import LIMITS, Text, check_fields, in_range, known, shown
+from blurnoise._core.checks import LIMITS, in_range, known, shown
+from blurnoise._core.fields import Text, check_fields
 from blurnoise._core.writing import writing
 from blurnoise.camera import camera_files, colour
 from blurnoise.camera.camera_files import KEYS, RECORD_OF

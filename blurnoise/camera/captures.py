@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Annotated
 
-from blurnoise._core.checks import Figure, check_fields, shown, within
+from blurnoise._core.checks import shown
+from blurnoise._core.fields import Figure, check_fields, within
 
 _ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap
 

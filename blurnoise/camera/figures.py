@@ -13,7 +13,8 @@ from typing import get_type_hints
 
 from annotated_types import BaseMetadata, GroupedMetadata
 
-from blurnoise._core.checks import Limit, within
+from blurnoise._core.checks import Limit
+from blurnoise._core.fields import within
 
 # Limits that several records share.
 GAIN_DB = Limit(0.0, 120.0)

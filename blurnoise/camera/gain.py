@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
-from blurnoise._core.checks import Figure, check_fields, shown, within
+from blurnoise._core.checks import shown
+from blurnoise._core.fields import Figure, check_fields, within
 from blurnoise.camera.figures import GAIN_DB, GAIN_DN_PER_E, LEVEL_DN, NOISE_E, SHARE, WELL_E
 
 

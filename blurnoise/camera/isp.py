@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
-from blurnoise._core.checks import check_fields
+from blurnoise._core.fields import check_fields
 from blurnoise.camera import colour
 from blurnoise.camera.colour import Matrix, ToneCurve, WhiteBalance
 

@@ -16,7 +16,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from annotated_types import Ge, Le
 
-from blurnoise._core.checks import LIMITS, Figure, Limit, check_fields, shown, within
+from blurnoise._core.checks import LIMITS, Limit, shown
+from blurnoise._core.fields import Figure, check_fields, within
 from blurnoise.camera.figures import SHARE, CameraFigure
 from blurnoise.camera.spectra import Floats, check_samples
 from blurnoise.camera.transfer import Mtf

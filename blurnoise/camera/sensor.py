@@ -18,7 +18,8 @@ from annotated_types import Ge, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import LIMITS, Figure, Limit, check_fields, in_range, integer, picture_size, shown
+from blurnoise._core.checks import LIMITS, Limit, in_range, integer, picture_size, shown
+from blurnoise._core.fields import Figure, check_fields
 from blurnoise.camera import colour, gain
 from blurnoise.camera.captures import Capture
 from blurnoise.camera.colour import Cfa, FilterCurves

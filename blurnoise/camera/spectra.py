@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import check_fields, in_range, limited, shown
+from blurnoise._core.checks import in_range, limited, shown
+from blurnoise._core.fields import check_fields
 from blurnoise._core.files import read_samples
 
 # Exact by the definitions of the SI, the 683 lm/W at 540 THz included.

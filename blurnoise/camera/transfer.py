@@ -15,7 +15,8 @@ import torch
 from annotated_types import Ge, Le
 from torch import Tensor
 
-from blurnoise._core.checks import Figure, check_fields, limited
+from blurnoise._core.checks import limited
+from blurnoise._core.fields import Figure, check_fields
 from blurnoise._core.threads import differentiable
 from blurnoise.camera.spectra import check_samples
 

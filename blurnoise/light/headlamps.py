@@ -20,7 +20,8 @@ from torch import Tensor
 from blurnoise._core.beams import BEAMS as BEAMS
 from blurnoise._core.beams import Beam
 from blurnoise._core.borders import Border
-from blurnoise._core.checks import Figure, check_fields, limited
+from blurnoise._core.checks import limited
+from blurnoise._core.fields import Figure, check_fields
 from blurnoise.blur.layers import Layer
 from blurnoise.camera.spectra import Floats
 from blurnoise.light.effect import LightEffect

@@ -18,16 +18,8 @@ from annotated_types import Ge, Gt, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import (
-    Figure,
-    check_fields,
-    integer,
-    limited,
-    limited_per_image,
-    real_tensor,
-    shown,
-    within,
-)
+from blurnoise._core.checks import integer, limited, limited_per_image, real_tensor, shown
+from blurnoise._core.fields import Figure, check_fields, within
 
 _MOMENT = 1e-9  # of a period: a shorter exposure is at once
 

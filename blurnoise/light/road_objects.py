@@ -17,7 +17,8 @@ from typing import Annotated, Any
 
 from annotated_types import Ge, Gt, Le
 
-from blurnoise._core.checks import Figure, check_fields, shown
+from blurnoise._core.checks import shown
+from blurnoise._core.fields import Figure, check_fields
 from blurnoise.light.sheeting import SHEETINGS, Sheeting
 
 _ANGLES_DEG = (0.2, 0.5, 2.0)

@@ -18,7 +18,8 @@ import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import ArrayLike
 
-from blurnoise._core.checks import Figure, check_fields, real_tensor, shown
+from blurnoise._core.checks import real_tensor, shown
+from blurnoise._core.fields import Figure, check_fields
 from blurnoise.camera.spectra import Floats
 
 

@@ -21,7 +21,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import LARGEST_PICTURE, check_fields, limited, one_of, within
+from blurnoise._core.checks import LARGEST_PICTURE, limited, one_of
+from blurnoise._core.fields import check_fields, within
 from blurnoise.camera import Camera
 from blurnoise.camera.lens import Field
 from blurnoise.camera.spectra import Floats

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import LIMITS, check_fields, in_range, integer, limited, shown
+from blurnoise._core.checks import LIMITS, in_range, integer, limited, shown
+from blurnoise._core.fields import check_fields
 from blurnoise.camera import Camera
 from blurnoise.camera.captures import windows
 from blurnoise.camera.spectra import Floats

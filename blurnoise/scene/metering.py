@@ -12,7 +12,8 @@ import torch
 from annotated_types import Ge, Gt, Le
 from torch import Tensor
 
-from blurnoise._core.checks import Figure, batch_shaped, check_fields, in_range, limited, shown
+from blurnoise._core.checks import batch_shaped, in_range, limited, shown
+from blurnoise._core.fields import Figure, check_fields
 from blurnoise._core.luminance import LUMINANCE
 from blurnoise.camera import Camera, gain
 from blurnoise.camera.captures import Capture, longest_first_s

@@ -21,7 +21,7 @@ import numpy as np
 from annotated_types import Interval
 from pydantic import BaseModel, ValidationError
 
-from blurnoise._core.checks import within
+from blurnoise._core.fields import within
 from blurnoise._core.files import read_text
 from blurnoise_eval.calibration.formats import FORMATS, RawLayout, format_of, naming, read_plane
 from blurnoise_eval.calibration.headers import FrameHeader, refuse

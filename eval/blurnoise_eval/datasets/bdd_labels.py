@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from blurnoise._core.checks import Characters
+from blurnoise._core.fields import Characters
 from blurnoise_eval.datasets.folder import Listed
 from blurnoise_eval.datasets.label_reading import (
     LARGEST_SET_BYTES,

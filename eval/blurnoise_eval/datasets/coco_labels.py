@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from annotated_types import Ge, Len, Lt
 from pydantic import BaseModel
 
-from blurnoise._core.checks import Characters
+from blurnoise._core.fields import Characters
 from blurnoise_eval.datasets.folder import Listed
 from blurnoise_eval.datasets.label_doubts import shared_names
 from blurnoise_eval.datasets.label_reading import (

@@ -11,7 +11,8 @@ import numpy as np
 from annotated_types import Len
 from pydantic import BaseModel
 
-from blurnoise._core.checks import Characters, shown
+from blurnoise._core.checks import shown
+from blurnoise._core.fields import Characters
 from blurnoise_eval.datasets.folder import Listed
 from blurnoise_eval.datasets.images import sizes_px
 from blurnoise_eval.datasets.label_reading import (

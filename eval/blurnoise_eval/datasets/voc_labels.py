@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 
 from pydantic import BaseModel
 
-from blurnoise._core.checks import Characters
+from blurnoise._core.fields import Characters
 from blurnoise_eval.datasets.folder import Listed, is_litter
 from blurnoise_eval.datasets.images import SUFFIXES
 from blurnoise_eval.datasets.label_reading import Flag, checked, faults_of, read_text, xml_of

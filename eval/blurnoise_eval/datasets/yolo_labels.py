@@ -16,7 +16,8 @@ from annotated_types import Ge, MinLen
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Strict
 
-from blurnoise._core.checks import Characters, shown
+from blurnoise._core.checks import shown
+from blurnoise._core.fields import Characters
 from blurnoise._core.files import yaml_of
 from blurnoise_eval.datasets.folder import Listed, is_litter, pictures_below
 from blurnoise_eval.datasets.images import sizes_px

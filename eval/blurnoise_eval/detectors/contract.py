@@ -14,7 +14,8 @@ import numpy as np
 from annotated_types import Ge, Le, Len
 from pydantic import BeforeValidator
 
-from blurnoise._core.checks import Characters, check_fields, shown
+from blurnoise._core.checks import shown
+from blurnoise._core.fields import Characters, check_fields
 from blurnoise_eval.detectors.outputs import checked
 
 # The 80 classes of COCO detection in the order every COCO-trained detector of these families uses.

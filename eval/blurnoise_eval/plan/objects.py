@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
 
-from blurnoise._core.checks import Figure, check_fields
+from blurnoise._core.fields import Figure, check_fields
 
 
 @dataclass(frozen=True)

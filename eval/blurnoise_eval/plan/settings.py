@@ -123,7 +123,7 @@ class Settings:
     KIND: ClassVar[str] = "settings"
 
     def __post_init__(self) -> None:
-        from blurnoise._core.checks import check_fields
+        from blurnoise._core.fields import check_fields
 
         check_fields(self, frozenset(entry.name for entry in fields(self) if not entry.metadata))
 

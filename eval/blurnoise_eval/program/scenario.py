@@ -20,7 +20,8 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import Figure, in_range, limited, one_of
+from blurnoise._core.checks import in_range, limited, one_of
+from blurnoise._core.fields import Figure
 from blurnoise.camera import Camera
 from blurnoise.camera.spectra import Curve
 from blurnoise.light.lights import Light, each_light

@@ -6,7 +6,8 @@ from typing import Annotated
 import pytest
 
 from blurnoise import Camera
-from blurnoise._core.checks import Limit, check_fields
+from blurnoise._core.checks import Limit
+from blurnoise._core.fields import check_fields
 from blurnoise.camera.camera_files import FIGURES, KEYS, OVER_THE_FIELD, RECORD_OF
 from blurnoise.camera.figures import CameraFigure, figures_of
 

@@ -17,7 +17,8 @@ from annotated_types import Ge, Le, Len
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
 from blurnoise._core import rng
-from blurnoise._core.checks import Characters, Figure, Text, check_fields, shown
+from blurnoise._core.checks import shown
+from blurnoise._core.fields import Characters, Figure, Text, check_fields
 from blurnoise._core.files import read_document, read_samples
 from blurnoise._core.threads import side_by_side
 

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from rapidfuzz.distance import Levenshtein
 from scipy.special import softmax
 
-from blurnoise._core.checks import Characters
+from blurnoise._core.fields import Characters
 from blurnoise._core.files import read_text
 from blurnoise_eval.detectors.contract import Colour, Contract, ModelError, PerChannel, Sourced, Spread
 from blurnoise_eval.detectors.contract_files import Given, beside, settled, stated_contract
