@@ -1,15 +1,14 @@
 """Files that are written: complete and on disk, or not there, and never in place of a file of the user's.
 
-A folder that something was written to holds a list of it, ``.blurnoise``: a line of JSON per file, with the name, the
-size and a hash of the content. A file is replaced where the list has its content; anything else that stands there is
-the user's, such as a saved camera that was edited since. What a command reads is never replaced.
+A folder that something was written to holds a list of it (:mod:`blurnoise._core.manifest`). A file is replaced where
+the list has its content; anything else that stands there is the user's, such as a saved camera that was edited since.
+What a command reads is never replaced.
 """
 
 from __future__ import annotations
 
 import errno
 import hashlib
-import json
 import os
 import platform
 import re
@@ -23,16 +22,12 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import BinaryIO
 
-MANIFEST = ".blurnoise"
-"""The list of what was written to a folder. Its names are those of files in that folder, none below or elsewhere."""
-_LINE = b'{"wrote": '  # begin of every line; a file of that name without it is the user's
-_LARGEST_MANIFEST, _AT_ONCE = 16 << 20, 1 << 20  # bytes
+from blurnoise._core.manifest import MANIFEST, add_line, digest_of, is_written, lines_of
+
 # Machine, process and its start: who may delete the copy once that process is gone.
 _PARTIAL = re.compile(r"\.blurnoise-([0-9a-f]{8})-(\d+)-([0-9a-f]{8})-[0-9a-f]{32}\.partial")
 _TEXTS = ".csv", ".html", ".json", ".yaml", ".yml"
-_NOT_OURS = errno.EACCES, errno.EPERM, errno.EISDIR, errno.ELOOP, errno.ENXIO
 _STREAMS = stat.S_IFCHR, stat.S_IFIFO
 Known = tuple[int, int]
 
@@ -225,7 +220,7 @@ def check_replaceable(path: Path, new: Path | None = None) -> Path | None:
         if command.reads(facts):
             raise FileExistsError(errno.EEXIST, "is an input of this command, which is never replaced")
         target = _home(path, command)
-        if _is_written(target):
+        if is_written(target):
             return target
         if not command.overwrite:
             whose = "is a file that blurnoise did not write, or that was changed since"
@@ -252,7 +247,7 @@ def check_own_folder(folder: Path) -> None:
     """
     with _naming(folder):
         for root, _, names in os.walk(folder):
-            lines = _lines(Path(root) / MANIFEST)
+            lines = lines_of(Path(root) / MANIFEST)
             for name in sorted(names):
                 if name not in lines and not name.startswith("."):
                     other = os.path.relpath(Path(root) / name, folder)
@@ -289,9 +284,9 @@ def remove_made(command: Writing, since: int) -> None:
     for path in made:
         manifest = path.parent / MANIFEST
         with suppress(OSError):
-            if _is_written(path):
+            if is_written(path):
                 path.unlink()
-            if not any((path.parent / name).exists() for name in _lines(manifest)):
+            if not any((path.parent / name).exists() for name in lines_of(manifest)):
                 manifest.unlink()
 
 
@@ -327,72 +322,13 @@ def _note(path: Path, target: Path, unfinished: Path) -> None:
     check_replaceable(path, unfinished)  # again: the file may have appeared meanwhile
     with unfinished.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
-        content = size, _digest(file, size)
+        content = size, digest_of(file, size)
     if not target.exists():
         if (command := _WRITING.get()) is not None:
             command.made.append(target)
-    elif content in _lines(target.parent / MANIFEST).get(target.name, ()):
+    elif content in lines_of(target.parent / MANIFEST).get(target.name, ()):
         return
-    line = json.dumps({"wrote": target.name, "size": size, "blake2b": content[1]})
-    try:
-        with _opened(target.parent / MANIFEST, os.O_RDWR | os.O_CREAT) as handle:
-            if os.read(handle, len(_LINE)) in (b"", _LINE):
-                os.write(handle, f"{line}\n".encode())
-    except OSError as error:
-        if error.errno not in _NOT_OURS:  # without a list, the file counts as the user's: that is safe
-            raise
-
-
-def _is_written(target: Path) -> bool:
-    """Whether the file has any content on the list, which may be ahead: a writer may end between list and file.
-
-    The file is opened before the list is read. Another process notes a content before it takes the name, so that
-    the list has whatever is open here.
-    """
-    with target.open("rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        held = _lines(target.parent / MANIFEST).get(target.name, set())
-        # The size first: a large file of the user's is not read only to learn that it is not ours.
-        return size in {each for each, _ in held} and (size, _digest(file, size)) in held
-
-
-def _lines(manifest: Path) -> dict[str, set[tuple[int, str]]]:
-    """Sizes and hashes of the written files in a list, by name; invalid lines are skipped."""
-    contents: dict[str, set[tuple[int, str]]] = {}
-    with suppress(OSError), _opened(manifest, os.O_RDONLY) as handle, os.fdopen(os.dup(handle), "rb") as file:
-        if file.read(len(_LINE)) != _LINE:
-            return contents
-        file.seek(max(0, os.fstat(handle).st_size - _LARGEST_MANIFEST))
-        for line in file.read(_LARGEST_MANIFEST).splitlines():
-            with suppress(ValueError, KeyError, TypeError, RecursionError):
-                held = json.loads(line)
-                contents.setdefault(str(held["wrote"]), set()).add((held["size"], held["blake2b"]))
-    return contents
-
-
-@contextmanager
-def _opened(manifest: Path, how: int) -> Iterator[int]:
-    """Open a regular file, without following links or waiting for pipes."""
-    for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_APPEND", "O_CLOEXEC", "O_BINARY"):
-        how |= getattr(os, flag, 0)
-    handle = os.open(manifest, how, 0o666)
-    try:
-        if not stat.S_ISREG(os.fstat(handle).st_mode):
-            raise PermissionError(errno.EACCES, "is no regular file")
-        yield handle
-    finally:
-        os.close(handle)
-
-
-def _digest(file: BinaryIO, size: int) -> str:
-    """A hash of the content; "" if its size has changed."""
-    digest, left = hashlib.blake2b(digest_size=16), size
-    while data := file.read(min(_AT_ONCE, left + 1)):
-        left -= len(data)
-        digest.update(data)
-        if left < 0:
-            break
-    return digest.hexdigest() if left == 0 else ""
+    add_line(target.parent / MANIFEST, target.name, content)
 
 
 def _will_be_text(path: Path, new: Path | None, target: Path) -> bool:

@@ -7,8 +7,9 @@ import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.default_camera import camera_text, default_camera, in_colour, is_grey
-from blurnoise_eval.plan.axes import AUTOMATIC, AXES
+from blurnoise_eval.plan.axes import AXES
 from blurnoise_eval.plan.plan import SweepPlan
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.store.store import Store, StoreError
 from signs_in_memory import matched_detector

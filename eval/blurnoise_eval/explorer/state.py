@@ -20,21 +20,9 @@ from blurnoise.camera import Camera
 from blurnoise.camera.camera_files import FIGURES as FIGURES_OF_CAMERAS
 from blurnoise.camera.figures import CameraFigure
 from blurnoise.light.lights import lights_of
-from blurnoise_eval.plan.axes import (
-    AUTOMATIC,
-    AXES,
-    CHOICES,
-    EGO,
-    GAIN,
-    LIGHT,
-    LIT,
-    MOVES,
-    OWN_SPECTRUM,
-    VELOCITY,
-    Axis,
-    number,
-)
+from blurnoise_eval.plan.axes import AXES, CHOICES, EGO, GAIN, LIGHT, LIT, MOVES, OWN_SPECTRUM, VELOCITY, Axis
 from blurnoise_eval.plan.conditions import Conditions
+from blurnoise_eval.plan.typed import AUTOMATIC, number
 
 BUILT_IN, NO_MODEL, GIVEN, OF_RUN = "built-in", "none", "given", "run"
 """Names of the built-in detector, of no detector, of a file that the command names, and of the camera of a run;

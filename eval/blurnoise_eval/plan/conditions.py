@@ -13,7 +13,6 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.plan.axes import (
-    AUTOMATIC,
     AXES,
     CORE,
     EGO,
@@ -25,6 +24,7 @@ from blurnoise_eval.plan.axes import (
     blur_px,
     velocity_of,
 )
+from blurnoise_eval.plan.typed import AUTOMATIC
 
 if TYPE_CHECKING:
     from blurnoise.camera import Camera

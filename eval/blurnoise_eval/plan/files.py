@@ -11,10 +11,11 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator
 
 from blurnoise_eval import label_formats
-from blurnoise_eval.plan.axes import AXES, LIGHT, MOVES, VELOCITY, axis, bounds, with_defaults
+from blurnoise_eval.plan.axes import AXES, LIGHT, MOVES, VELOCITY, axis, with_defaults
 from blurnoise_eval.plan.plan import ExposureSettings, SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.settings import Settings, Text, Texts, as_text, nested, setting
+from blurnoise_eval.plan.typed import bounds
 
 Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 MODEL_TIMEOUT_S = 60.0

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator
 
-from blurnoise_eval.plan.axes import numbers
 from blurnoise_eval.plan.settings import Settings, Text, setting
+from blurnoise_eval.plan.typed import numbers
 
 if TYPE_CHECKING:
     from blurnoise.light.lamp import Pwm

@@ -19,7 +19,6 @@ from pydantic import BeforeValidator
 from blurnoise._core import usual
 from blurnoise.light.lights import Light, names_of_lights
 from blurnoise_eval.plan.axes import (
-    AUTOMATIC,
     AXES,
     CORE,
     EGO,
@@ -47,6 +46,7 @@ from blurnoise_eval.plan.reading import (
     trajectory_of,
 )
 from blurnoise_eval.plan.settings import SettingInfo, Settings, default_text, late, nested, setting
+from blurnoise_eval.plan.typed import AUTOMATIC
 
 if TYPE_CHECKING:
     from blurnoise.camera.colour import PictureTone

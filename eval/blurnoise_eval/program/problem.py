@@ -18,18 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise.light.lights import Light
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.plan.axes import (
-    AUTOMATIC,
-    EGO,
-    FURTHER,
-    HEADLAMP,
-    LIGHT,
-    LIT,
-    SPECTRUM,
-    axis,
-    milliseconds,
-)
+from blurnoise_eval.plan.axes import EGO, FURTHER, HEADLAMP, LIGHT, LIT, SPECTRUM, axis, milliseconds
 from blurnoise_eval.plan.conditions import Conditions
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.program.by_speed import BySpeed, OnPlane
 from blurnoise_eval.program.metering_by_light import MeteringByLight
 from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, half_stops, mean_light

@@ -15,7 +15,8 @@ from operator import attrgetter, itemgetter
 from blurnoise_eval.answers.exposure_window import WORKS
 from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATURATED, SURE
 from blurnoise_eval.answers.rows import AnswerRow, RecommendationRow
-from blurnoise_eval.plan.axes import AUTOMATIC, EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
+from blurnoise_eval.plan.axes import EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.run import RunData

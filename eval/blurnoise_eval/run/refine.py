@@ -19,9 +19,10 @@ from blurnoise.camera import Camera
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.answers.rows import AnswerRow
-from blurnoise_eval.plan.axes import AUTOMATIC, EXPOSURE
+from blurnoise_eval.plan.axes import EXPOSURE
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.plan import SweepPlan
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search_space import SearchSpace
 from blurnoise_eval.run.setup import Batch

@@ -26,9 +26,10 @@ from blurnoise.light.resolved import Resolved
 from blurnoise.scene.plan import Contribution, plan_at
 from blurnoise.sensor.stages import DARK_CURRENT
 from blurnoise_eval.answers.plane import AT_REST, DIGITS, STILL_PX, direction_of, places_of
-from blurnoise_eval.plan.axes import AUTOMATIC, EGO, EXPOSURE, FURTHER, LIGHT, VELOCITY, axis
+from blurnoise_eval.plan.axes import EGO, EXPOSURE, FURTHER, LIGHT, VELOCITY, axis
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.typed import AUTOMATIC
 
 STEP = 0.5
 """Stops between nodes."""

@@ -16,11 +16,12 @@ from typing import Any
 
 from blurnoise.camera import Camera
 from blurnoise.scene.exposure import Exposure
-from blurnoise_eval.plan.axes import AUTOMATIC, CORE, EXPOSURE, NAMES, axis
+from blurnoise_eval.plan.axes import CORE, EXPOSURE, NAMES, axis
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.run.documents import check_files, validated
 from blurnoise_eval.run.search_space import SearchSpace
 from blurnoise_eval.store import queries

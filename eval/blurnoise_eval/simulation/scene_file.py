@@ -26,10 +26,11 @@ from blurnoise.scene.cutting import Cut, Matte, cut_out
 from blurnoise.scene.metering import anchored, mean_luma
 from blurnoise.scene.scene import scene_reflectance
 from blurnoise_eval.datasets import decode, decode_linear, segmentation
-from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, HEADLAMP
+from blurnoise_eval.plan.axes import AXES, EGO, HEADLAMP
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.files import SceneFile
 from blurnoise_eval.plan.lamps import emitters_of, pwm_of
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.run.headlit_scenes import headlit_layers
 
 _LENS = {axis.name: axis.into.partition(".")[2] for axis in AXES if axis.into.startswith("camera.")}

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.plan.axes import AUTOMATIC, CHOICES, NAMES, SETTING, VELOCITY, setting_of
+from blurnoise_eval.plan.axes import CHOICES, NAMES, SETTING, VELOCITY, setting_of
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.store.columns import CONDITIONS, AxisValues, TableColumn, columns_of
 from blurnoise_eval.store.rows import MEANS, CellRow, ScoreRow, TargetRow
 from blurnoise_eval.store.schema import ROWS, SORTED

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory, mkdtemp
 from typing import TYPE_CHECKING
 from weakref import finalize
 
-from blurnoise._core.writing import MANIFEST
+from blurnoise._core.manifest import MANIFEST
 from blurnoise_eval.system import files
 from blurnoise_eval.system.files import RUN_FILE, RUN_FILES, check_replaceable
 from blurnoise_eval.system.urls import (

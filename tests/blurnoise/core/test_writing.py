@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from blurnoise import Camera
+from blurnoise._core.manifest import MANIFEST
 from blurnoise._core.writing import (
-    MANIFEST,
     check_own_folder,
     check_writable,
     note_inputs,

@@ -15,7 +15,8 @@ from blurnoise_eval.system.files import RUN_FILES
 from commands import main
 from signs_in_memory import BOX, sign
 
-from blurnoise._core.writing import MANIFEST, write_whole
+from blurnoise._core.manifest import MANIFEST
+from blurnoise._core.writing import write_whole
 
 SWEEP = "sweep --model small.onnx --images pics --labels labels.json --exposure-ms 1,10 --lux 50 --dx 0 --threads 1"
 THEIRS = "did not write, or that was changed since; --overwrite replaces it"

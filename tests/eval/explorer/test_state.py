@@ -7,7 +7,7 @@ from urllib.parse import urlencode
 import pytest
 from blurnoise_eval.explorer.catalogue import Catalogue
 from blurnoise_eval.explorer.state import QUANTITIES, State, controls, text_of, value_of, with_figures
-from blurnoise_eval.plan.axes import AUTOMATIC
+from blurnoise_eval.plan.typed import AUTOMATIC
 
 from blurnoise.camera import PRESETS
 from blurnoise.light.effects import EFFECTS

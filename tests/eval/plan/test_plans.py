@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, OWN_SPECTRUM, VELOCITY, axis, number, numbers
+from blurnoise_eval.plan.axes import AXES, EGO, OWN_SPECTRUM, VELOCITY, axis
 from blurnoise_eval.plan.conditions import Cell, Conditions, with_lens
 from blurnoise_eval.plan.objects import ObjectSettings
 from blurnoise_eval.plan.plan import SweepPlan
+from blurnoise_eval.plan.typed import AUTOMATIC, number, numbers
 from plans import IMX250, plan
 from plans import plan as swept
 from signs_in_memory import CAMERA, PLAN, TWO, matched_detector, rows_of

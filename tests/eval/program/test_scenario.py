@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.program.problem import inputs_of
 from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, between_lights, mean_light
 from blurnoise_eval.run.evaluation import evaluate

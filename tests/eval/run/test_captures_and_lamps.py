@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.datasets import decode, rendered_signs, target_mask, write_picture
-from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plan.files import PlanFile
 from blurnoise_eval.plan.lamps import Lamps
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.run.exposing import PictureScene, check_plan, frames, snr_db
 from blurnoise_eval.run.run import Run
 from commands import main

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import pytest
-from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.question import Question
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.run.refine import STOPS
 from blurnoise_eval.store.store import PictureFacts

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from blurnoise_eval.answers.plane import direction_of, same_places
-from blurnoise_eval.plan.axes import AUTOMATIC
 from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.run.exposing import PictureScene, frames
 from blurnoise_eval.run.search_space import (
     FLOOR,

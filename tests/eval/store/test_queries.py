@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from blurnoise_eval.plan.axes import AUTOMATIC
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from stored_rows import AT, cell

@@ -9,7 +9,8 @@ from itertools import product
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.plan.axes import AUTOMATIC, MOVES
+from blurnoise_eval.plan.axes import MOVES
+from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.store import Store, StoreError

@@ -10,7 +10,7 @@ import pytest
 from blurnoise_eval.system.files import write_whole, written_whole
 
 import blurnoise
-from blurnoise._core.writing import MANIFEST
+from blurnoise._core.manifest import MANIFEST
 
 SOURCES = {
     f"{package.__name__}/{path.relative_to(folder)}": path

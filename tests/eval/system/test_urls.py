@@ -16,7 +16,7 @@ from blurnoise_eval.system.urls import (
 )
 from blurnoise_eval.system.working_folder import check_outputs, output_folder, written_run
 
-from blurnoise._core.writing import MANIFEST
+from blurnoise._core.manifest import MANIFEST
 
 pytest.importorskip("upath")
 URL = "memory://bucket/set"
