@@ -12,7 +12,8 @@ from pydantic import BeforeValidator
 
 from blurnoise_eval import label_formats
 from blurnoise_eval.plan.axes import AXES, LIGHT, MOVES, VELOCITY, axis, with_defaults
-from blurnoise_eval.plan.plan import ExposureSettings, SweepPlan
+from blurnoise_eval.plan.exposure_settings import ExposureSettings
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.settings import Settings, Text, Texts, as_text, nested, setting
 from blurnoise_eval.plan.typed import bounds

@@ -22,7 +22,7 @@ from blurnoise.camera import Camera
 from blurnoise.light.headlamps import BEAMS, Headlamps
 from blurnoise.light.headlit import HeadlitPicture, HeadlitTarget, headlit
 from blurnoise_eval.datasets import Picture, outlines
-from blurnoise_eval.plan.plan import ExposureSettings
+from blurnoise_eval.plan.exposure_settings import ExposureSettings
 
 _MOST_TARGETS = 100  # of a picture, of which facts are noted
 _LONGEST_TEXT = 18_000
