@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from blurnoise.blur.convolution import defocus, motion_blur
-    from blurnoise.blur.layers import Layer, expose_layers
+    from blurnoise.blur.layer import Layer
+    from blurnoise.blur.layers import expose_layers
     from blurnoise.camera.camera import Camera
     from blurnoise.camera.captures import Capture
     from blurnoise.camera.radiometry import photoelectrons
@@ -62,7 +63,8 @@ __all__ = [
 ]
 _MODULES = {
     "blur.convolution": ("defocus", "motion_blur"),
-    "blur.layers": ("Layer", "expose_layers"),
+    "blur.layer": ("Layer",),
+    "blur.layers": ("expose_layers",),
     "camera.camera": ("Camera",),
     "camera.captures": ("Capture",),
     "camera.radiometry": ("photoelectrons",),

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise.blur import fourier
+from blurnoise.blur import fourier, tiles
 from blurnoise.blur.fourier import Plane
 from blurnoise.camera.transfer import SHARP, Optics
 
@@ -108,7 +108,7 @@ def spread_in(lengths: tuple[int, int], knots_px: Tensor, shares: Tensor) -> Ten
     (1.0, 0.12)
     """
     width, height = (
-        fourier.fast_length(max(_LEAST_PX, math.ceil(2 * reach) + _ROOM_PX))
+        tiles.fast_length(max(_LEAST_PX, math.ceil(2 * reach) + _ROOM_PX))
         for reach in knots_px.detach().abs().amax(1).tolist()
     )
     sides = height, width

@@ -21,7 +21,7 @@ from torch.nn import functional
 
 from blurnoise._core.borders import Border, extended, folded
 from blurnoise._core.threads import plain, side_by_side, threads_for
-from blurnoise.blur import fourier
+from blurnoise.blur import fourier, tiles
 from blurnoise.blur.fourier import Plane
 
 Floats = NDArray[np.floating[Any]]
@@ -55,7 +55,7 @@ def sampled(image: Tensor, x: Floats, y: Floats, border: Border) -> Tensor:
     if image.device.type == "cpu" and not plain(image) and len(image) > 1:  # bits depend on no other picture
         return torch.cat([sampled(picture, x, y, border) for picture in torch.split(image, 1)])
     height, width = image.shape[-2:]
-    spans = (fourier.fast_length(height + 2 * _MARGIN), fourier.fast_length(width + 2 * _MARGIN))
+    spans = (tiles.fast_length(height + 2 * _MARGIN), tiles.fast_length(width + 2 * _MARGIN))
     across, down = _folded(x, width, border) + _MARGIN, _folded(y, height, border) + _MARGIN
     # The prefilter wraps round, so the margin also keeps its two ends apart.
     plane = extended(image, (_MARGIN, _MARGIN), spans, border)

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border, continued, extended
 from blurnoise._core.threads import plain, side_by_side, threads_for
-from blurnoise.blur import convolution, fourier
+from blurnoise.blur import convolution, fourier, tiles
 from blurnoise.blur.displacement import STILL_PX, Displacement, Floats, stretch
 from blurnoise.camera.transfer import SHARP
 from blurnoise.motion.trajectory import sums
@@ -96,8 +96,8 @@ def rolled(light: Tensor, moves: Displacement, border: Border) -> Tensor:
     if on_numpy and across <= STILL_PX and float(moved[1].abs()) <= _LONGEST_TAPS_PX:
         return exposed(light, moves, border)
     before = math.ceil(down) + _BEYOND_PX, math.ceil(across) + _MARGIN_PX
-    spans = next_fast_len(height + 2 * before[0]), fourier.fast_length(width + 2 * before[1])
-    fourier.limited_plane(f"displacement_px = {moved.tolist()}: rows read one after another need", *spans)
+    spans = next_fast_len(height + 2 * before[0]), tiles.fast_length(width + 2 * before[1])
+    tiles.limited_plane(f"displacement_px = {moved.tolist()}: rows read one after another need", *spans)
     taps = _lanczos_taps(before[0] + places)
     if on_numpy:
         return _at_once(light, moved, taps, shift_px, before, spans, border)
@@ -167,7 +167,7 @@ def shifted_rows(
     """
     far = math.ceil(float(shift_px.detach().abs().max()) + abs(along_px) / 2)
     margin = 0 if wraps else _MARGIN_PX + far
-    length = light.shape[-1] if wraps else fourier.fast_length(light.shape[-1] + 2 * margin)
+    length = light.shape[-1] if wraps else tiles.fast_length(light.shape[-1] + 2 * margin)
     if not plain(light, shift_px):
         turn = torch.fft.rfftfreq(length, dtype=torch.float64).to(shift_px.device)
         phase = -2 * math.pi * shift_px[:, None] * turn
@@ -346,9 +346,9 @@ def _rows_blurred(
 ) -> Tensor:
     """Rows times the transfer functions of their own windows of a path x_px (K,), exact."""
     reach = math.ceil(float(np.abs(x_px).max()))
-    side = fourier.fast_length(2 * reach + _ROOM_PX)
+    side = tiles.fast_length(2 * reach + _ROOM_PX)
     margin = side // 2
-    length = fourier.fast_length(light.shape[-1] + 2 * margin)
+    length = tiles.fast_length(light.shape[-1] + 2 * margin)
     _, f = fourier.frequencies((1, side))
     responses = fourier.joined(
         lambda fx, _: row_responses(fx, time, x_px, windows_s)[:, None], f, np.zeros(1), (1, side)

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border
 from blurnoise._core.checks import real_tensor
-from blurnoise.blur.layers import Layer, coloured
+from blurnoise.blur.layer import Layer, coloured
 from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import flow_warp
 from blurnoise.light.effect import LightEffect

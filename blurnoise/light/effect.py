@@ -13,7 +13,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from blurnoise._core.borders import Border
-from blurnoise.blur.layers import Layer
+from blurnoise.blur.layer import Layer
 from blurnoise.camera import Camera
 from blurnoise.camera.spectra import Floats
 from blurnoise.camera.transfer import SHARP, Optics

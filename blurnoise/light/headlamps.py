@@ -22,7 +22,7 @@ from blurnoise._core.beams import Beam
 from blurnoise._core.borders import Border
 from blurnoise._core.checks import limited
 from blurnoise._core.fields import Figure, check_fields
-from blurnoise.blur.layers import Layer
+from blurnoise.blur.layer import Layer
 from blurnoise.camera.spectra import Floats
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.resolved import BeamLight, Number, Resolved

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border, Window
 from blurnoise.blur import convolution, over_the_field, resampling
-from blurnoise.blur.layers import Layer, coloured, plane_of
+from blurnoise.blur.layer import Layer, coloured, plane_of
 from blurnoise.camera import Camera, lens
 from blurnoise.camera.lens import Field, Size
 from blurnoise.camera.spectra import Floats
@@ -59,7 +59,7 @@ class _ByTransferFunction(LightEffect):
 class LensDistortion(_OverTheField):
     """Distortion by OpenCV's models; boxes follow.
 
-    >>> from blurnoise.camera.lens import Distortion
+    >>> from blurnoise.camera.distortion import Distortion
     >>> barrel = Distortion("opencv", (-0.2, 0.0, 0.0, 0.0))
     >>> camera = Camera.preset("imx250").with_figures(distortion=barrel, width_px=640, height_px=480)
     >>> at = Resolved(camera, 0.01, 25.0, white_e=1000.0)

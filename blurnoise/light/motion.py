@@ -23,7 +23,7 @@ from blurnoise._core.borders import Border, Window, folded
 from blurnoise._core.threads import differentiable
 from blurnoise.blur import layers
 from blurnoise.blur.displacement import Displacement, Floats, Readout
-from blurnoise.blur.layers import Layer, ObjectMotion
+from blurnoise.blur.layer import Layer, ObjectMotion
 from blurnoise.blur.sub_exposures import SPACING_PX
 from blurnoise.camera import Camera, transfer
 from blurnoise.light.effect import Blur, LightEffect

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from blurnoise._core.checks import limited_motion
 from blurnoise.blur import convolution
-from blurnoise.blur.layers import Layer, ObjectMotion, object_motion
+from blurnoise.blur.layer import Layer, ObjectMotion, object_motion
 from blurnoise.blur.sub_exposures import flows
 from blurnoise.camera import Camera
 from blurnoise.camera.colour import PLANES

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import limited_per_image
-from blurnoise.blur.layers import Layer
+from blurnoise.blur.layer import Layer
 from blurnoise.camera.captures import windows
 from blurnoise.light.lamp import per_picture as lamp_per_picture
 from blurnoise.light.resolved import BeamLight, Resolved, Shift, velocities

@@ -22,7 +22,7 @@ from torch import Tensor
 from blurnoise._core.beams import BeamPlanes, checked_planes
 from blurnoise._core.checks import an_instance, dense, image_batch, real_tensor
 from blurnoise.blur.displacement import spread_px
-from blurnoise.blur.layers import Layer
+from blurnoise.blur.layer import Layer
 
 Matte = NDArray[np.float32]
 _MIXED_PX = 1  # from an edge inwards, the object's colours contain the background

@@ -28,7 +28,7 @@ from blurnoise._core.checks import (
     real_tensor,
     shown,
 )
-from blurnoise.blur.layers import Layer
+from blurnoise.blur.layer import Layer
 from blurnoise.camera import Camera
 from blurnoise.camera.camera import Amplified
 from blurnoise.camera.lens import pixels

@@ -18,7 +18,7 @@ from blurnoise._core import rng
 from blurnoise._core.beams import BeamPlanes, checked_planes
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import batch_shaped, image_batch, one_of
-from blurnoise.blur.layers import Layer, Layers, layers_per_picture
+from blurnoise.blur.layer import Layer, Layers, layers_per_picture
 from blurnoise.camera.colour import PictureTone, picture_tone, untoned
 from blurnoise.light.capture import checked_mask
 from blurnoise.light.resolved import BeamLight

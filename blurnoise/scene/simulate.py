@@ -12,7 +12,7 @@ from blurnoise._core import rng
 from blurnoise._core.borders import Border
 from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.threads import same_bits
-from blurnoise.blur.layers import Layers
+from blurnoise.blur.layer import Layers
 from blurnoise.camera import Camera
 from blurnoise.camera.colour import PictureTone
 from blurnoise.camera.spectra import Curve

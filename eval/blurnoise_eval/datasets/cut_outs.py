@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import Window, placed
-from blurnoise.blur.layers import Layer, flattened, meeting, seen_behind
+from blurnoise.blur.layer import Layer, flattened
+from blurnoise.blur.layers import meeting, seen_behind
 from blurnoise.light.headlit import Outline
 from blurnoise.scene import cutting
 from blurnoise.scene.cutting import Cut, Matte

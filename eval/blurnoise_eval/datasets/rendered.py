@@ -21,7 +21,7 @@ from torch import Tensor
 from blurnoise import charts
 from blurnoise._core.checks import integer
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.blur.layers import Layer
+from blurnoise.blur.layer import Layer
 from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.scene.cutting import Cut
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.luminance import LUMINANCE
-from blurnoise.blur.layers import Layer
+from blurnoise.blur.layer import Layer
 from blurnoise.camera import Camera
 from blurnoise.light.headlamps import BEAMS, Headlamps
 from blurnoise.light.headlit import HeadlitPicture, HeadlitTarget, headlit

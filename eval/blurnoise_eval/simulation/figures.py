@@ -8,7 +8,8 @@ from typing import Any
 from torch import Tensor
 
 from blurnoise import Exposure, Scene
-from blurnoise.blur.layers import Layer, seen_behind
+from blurnoise.blur.layer import Layer
+from blurnoise.blur.layers import seen_behind
 from blurnoise.camera.captures import windows
 from blurnoise.camera.radiometry import filter_electrons, photoelectrons
 from blurnoise.light.headlit import HeadlitTarget

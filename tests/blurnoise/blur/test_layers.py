@@ -12,7 +12,8 @@ from exposed_frames import budget, raw_frames
 
 from blurnoise import Camera, Layer, Scene, expose_layers, motion_blur, simulate
 from blurnoise.blur import sub_exposures as blur_sub_exposures
-from blurnoise.blur.layers import object_motion, seen_behind
+from blurnoise.blur.layer import object_motion
+from blurnoise.blur.layers import seen_behind
 from blurnoise.camera.captures import staggered
 from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.light.motion import OBJECTS

@@ -15,7 +15,7 @@ from blurnoise._core.borders import extended
 from blurnoise.blur import convolution, rows
 from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import moved
-from blurnoise.camera.lens import Distortion
+from blurnoise.camera.distortion import Distortion
 from blurnoise.light import effects
 from blurnoise.light.resolved import Resolved
 

@@ -15,7 +15,8 @@ from blurnoise import Camera, simulate
 from blurnoise._core.borders import BORDERS
 from blurnoise.blur.over_the_field import TOLERANCE
 from blurnoise.camera import lens as lenses
-from blurnoise.camera.lens import Distortion, Mtf, RelativeIllumination
+from blurnoise.camera.distortion import Distortion
+from blurnoise.camera.lens import Mtf, RelativeIllumination
 from blurnoise.light import effects
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION
 from blurnoise.light.motion import MOTION

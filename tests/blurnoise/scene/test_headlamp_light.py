@@ -18,7 +18,7 @@ from blurnoise import (
     take,
     take_each,
 )
-from blurnoise.camera.lens import Distortion
+from blurnoise.camera.distortion import Distortion
 from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.scene.cutting import cut_out
 from blurnoise.scene.metering import mean_luma

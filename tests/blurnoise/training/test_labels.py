@@ -15,7 +15,7 @@ from kornia.augmentation import (
 )
 
 from blurnoise import Camera, Exposure, RandomExposure, labels_numpy
-from blurnoise.camera.lens import Distortion
+from blurnoise.camera.distortion import Distortion
 from blurnoise.motion.trajectory import shake
 from blurnoise.training.labels import keypoints_after, masks_after, of_targets
 

@@ -11,7 +11,7 @@ from blurnoise_eval.datasets.cut_outs import CutScene
 from blurnoise_eval.plan.objects import ObjectSettings
 
 from blurnoise import Camera, charts, expose_layers
-from blurnoise.blur.layers import Layer
+from blurnoise.blur.layer import Layer
 from blurnoise.scene.cutting import Cut
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.scene import Scene
