@@ -71,15 +71,21 @@ def test_an_anchor_of_nothing_is_one_line(tmp_path, capsys, monkeypatch, words, 
     assert why in capsys.readouterr().err
 
 
-def test_a_sweep_says_by_how_much_its_photographs_differ(tmp_path, capsys):
-    """Flat pictures of 2 to 32 % of white, a stop apart: sqrt(2) EV."""
+@pytest.fixture
+def stops_apart(tmp_path):
+    """Arguments for a sweep of flat pictures of 2 to 32 % of white, a stop apart: sqrt(2) EV."""
     (tmp_path / "photos").mkdir()
     for place, linear in enumerate((0.02, 0.04, 0.08, 0.16, 0.32)):
         coded = 255 * (1.055 * linear ** (1 / 2.4) - 0.055)
         cv2.imwrite(str(tmp_path / "photos" / f"{place}.png"), np.full((24, 32, 3), round(coded), np.uint8))
-    given = ("--images", str(tmp_path / "photos"), "-o", str(tmp_path / "run"), *SHORT)
-    assert main(["sweep", *given]) == 0
+    return ("--images", str(tmp_path / "photos"), "-o", str(tmp_path / "run"), *SHORT)
+
+
+def test_a_sweep_says_by_how_much_its_photographs_differ(stops_apart, capsys):
+    assert main(["sweep", *stops_apart]) == 0
     assert "(the pictures' light differs by 1.4 EV, SD)" in " ".join(capsys.readouterr().out.split())
-    anchored = (*given, "--grey-anchor", "mean", "-o", str(tmp_path / "anchored"))
-    assert main(["sweep", *anchored]) == 0
+
+
+def test_anchored_photographs_do_not_differ(stops_apart, capsys):
+    assert main(["sweep", *stops_apart, "--grey-anchor", "mean"]) == 0
     assert "EV" not in capsys.readouterr().out

@@ -174,27 +174,34 @@ def test_crops_show_the_target_as_the_model_saw_it(numbers, run, targets):
         assert inside.mean() / 255 == pytest.approx((codes[condition, target] >> 1) / 1000, abs=0.03)
 
 
-def test_without_the_pictures_a_page_that_has_them_stays_and_a_new_one_says_so(run, numbers, tmp_path):
-    copy, other = tmp_path / "run", tmp_path / "other"
-    shutil.copytree(run.folder, copy)
-    gone: Any = {"progress": False, "images": tmp_path / "gone"}
+@pytest.fixture
+def copy(run, tmp_path):
+    return shutil.copytree(run.folder, tmp_path / "run")
+
+
+def test_without_the_pictures_a_page_that_has_them_stays(copy, numbers, tmp_path):
     with pytest.warns(UserWarning, match=r"stays as it was, with 3 pictures; 0 of 3 .*--images"):
-        Run.open(copy, **gone).report()
+        Run.open(copy, progress=False, images=tmp_path / "gone").report()
     assert numbers_of(copy / "failures.html") == numbers
+
+
+def test_without_the_pictures_a_new_page_says_so(copy, numbers, tmp_path):
+    other = tmp_path / "other"
     with pytest.warns(UserWarning, match="has no pictures"):
-        Run.open(copy, **gone).report(other)
+        Run.open(copy, progress=False, images=tmp_path / "gone").report(other)
     left = numbers_of(other / "failures.html")
     assert [each[3] for each in left["pictures"]] == [None] * 3
     assert left["models"] == numbers["models"]
     assert "3 of 3 pictures cannot be shown" in Page(other / "failures.html").text
+
+
+def test_pictures_that_moved_are_shown_from_their_new_folder(run, copy, numbers, tmp_path):
     there = shutil.copytree(run.folder.parent / "pictures", tmp_path / "elsewhere")
-    Run.open(copy, progress=False, images=there).report(other)
-    assert numbers_of(other / "failures.html")["pictures"] == numbers["pictures"]
+    Run.open(copy, progress=False, images=there).report(tmp_path / "other")
+    assert numbers_of(tmp_path / "other" / "failures.html")["pictures"] == numbers["pictures"]
 
 
-def test_cells_that_cannot_be_simulated_again_leave_the_page_without_crops(run, numbers, tmp_path):
-    copy = tmp_path / "run"
-    shutil.copytree(run.folder, copy)
+def test_cells_that_cannot_be_simulated_again_leave_the_page_without_crops(copy, numbers):
     with Store(copy, create=True) as store, store._transaction() as db:
         for table in ("cells", "targets"):
             db.execute(f"UPDATE {table} SET cell_id = substr(cell_id, 2) || substr(cell_id, 1, 1)")
