@@ -12,6 +12,7 @@ from blurnoise_eval.plan.axes import milliseconds
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.program.drivers import DRIVERS, Cap, document_lines
 from blurnoise_eval.program.limit import ExposureCap, SpeedEffect
+from blurnoise_eval.program.words import lights_text, lux_text, score_text
 from blurnoise_eval.report.words import counted, keeps, reached_text
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.terminal import PROSE, paragraph, table_lines
@@ -39,8 +40,14 @@ def lines(
         best = "no cap needed"
         if row.best_s is not None and row.from_s is not None and row.to_s is not None:
             best = f"{milliseconds(row.best_s)}{_between(row.from_s, row.to_s) if _told(limit) else ''}"
-        shown = [_number(row.value), "-" if row.saturated is None else f"{100 * row.saturated:.0f} %", best]
-        cells.append([_lux(row.illuminance_lux), milliseconds(row.exposure_s), f"{row.gain_db:.1f}", *shown])
+        shown = [
+            score_text(row.value),
+            "-" if row.saturated is None else f"{100 * row.saturated:.0f} %",
+            best,
+        ]
+        cells.append(
+            [lux_text(row.illuminance_lux), milliseconds(row.exposure_s), f"{row.gain_db:.1f}", *shown]
+        )
     yield from table_lines(heads, cells, (True,) * 5 + (False,), width)
     yield ""
     cap = cap_of(limit)
@@ -52,12 +59,12 @@ def lines(
 def sentence(limit: ExposureCap) -> str:
     """'Cap the exposure time at 2.1 ms (1.5 to 3 ms cannot be told apart): ...'."""
     lights = limit.problem.scenario.lights_lux
-    value = _number(limit.schedule.value)
+    value = score_text(limit.schedule.value)
     if limit.low is not None and limit.high is not None:
         value += f" ({limit.low:.3f} to {limit.high:.3f})"
     does = reached_text(value, limit.problem.inputs.criterion)
-    over = f"From {lights[0]:.4g} to {_lux(lights[-1])} lux auto exposure then {does}"
-    if limit.limit_s >= limit.longest_s * (1 - 1e-9):
+    over = f"{lights_text(lights)} auto exposure then {does}"
+    if _is_longest(limit):
         return f"No cap below {milliseconds(limit.longest_s)} ms, the longest exposure, is better. {over}."
     same = ""
     if not _told(limit):
@@ -73,18 +80,21 @@ def cost(limit: ExposureCap, program_value: float | None, even: bool) -> str:
     longest, unit = milliseconds(limit.longest_s), limit.problem.scenario.speed_unit
     effects = sorted(limit.speeds, key=lambda effect: effect.speed_px_s)
     ends = dict.fromkeys((effects[0], effects[-1]))
-    text = f"Against {longest} ms it {' and '.join(_effect(end, unit) for end in ends)}."
+    # The longest exposure is no cap: beside itself it loses and saves nothing.
+    against = f"Against {longest} ms it {' and '.join(_effect(end, unit) for end in ends)}. "
+    text = "" if _is_longest(limit) else against
     darkest = limit.lights[0]
     more = (
         ", the most that the camera has, and pictures are darker than it wants" if darkest.lacks_gain else ""
     )
-    text += f" At {darkest.illuminance_lux:.4g} lux the gain is then {darkest.gain_db:.1f} dB{more}."
+    text += f"At {lux_text(darkest.illuminance_lux)} lux the gain is then {darkest.gain_db:.1f} dB{more}."
     if program_value is not None and limit.schedule.value is not None:
         gained = program_value - limit.schedule.value
         better = f"reaches {gained:.3f} more" if gained >= 0.0005 else "is not better"
         text += f" A program, with times for each light, {better}."
     if bright := [row for row in limit.lights if row.too_bright]:
-        text += f" From {_lux(bright[0].illuminance_lux)} lux on pictures are too bright at the shortest exposure."
+        light = lux_text(bright[0].illuminance_lux)
+        text += f" From {light} lux on pictures are too bright at the shortest exposure."
     shares = ", ".join(f"{effect.speed_px_s:.4g} {unit} {effect.share:.2g}" for effect in effects)
     given = "equal because none were given; see --speeds" if even else "as given"
     pictures = counted(len(limit.problem.clusters), "picture")
@@ -105,6 +115,10 @@ def _effect(effect: SpeedEffect, unit: str) -> str:
     return f"{verb} {sign * effect.difference:.3f}{within} {where}"
 
 
+def _is_longest(limit: ExposureCap) -> bool:
+    return limit.limit_s >= limit.longest_s * (1 - 1e-9)
+
+
 def _told(limit: ExposureCap) -> bool:
     """Whether the pictures are enough for intervals."""
     return limit.low is not None
@@ -113,15 +127,6 @@ def _told(limit: ExposureCap) -> bool:
 def _between(from_s: float, to_s: float) -> str:
     """' (1.5 to 3)', in ms; empty where both are the same."""
     return "" if to_s <= from_s * (1 + 1e-9) else f" ({milliseconds(from_s)} to {milliseconds(to_s)})"
-
-
-def _lux(light: float) -> str:
-    """Four digits, without powers of ten."""
-    return f"{float(f'{light:.4g}'):.8g}"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
 
 
 def cap_of(limit: ExposureCap) -> Cap:

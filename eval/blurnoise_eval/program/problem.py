@@ -24,6 +24,7 @@ from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.program.by_speed import BySpeed, OnPlane
 from blurnoise_eval.program.metering_by_light import MeteringByLight
 from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, half_stops, mean_light
+from blurnoise_eval.program.words import lux_text
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search_space import SearchSpace, what_breaks
 from blurnoise_eval.run.surface import Predicted, Trend
@@ -268,8 +269,8 @@ class Problem:
             covered = "exposures {} to {} ms".format(*map(milliseconds, self.inputs.exposures_s))
         return ValueError(
             f"lux, speeds: at {lights} lux, no exposure meets all of: tested at {speeds} {unit}; not longer in more "
-            f"light; {', '.join(self.limits.words)}; the run covers light x exposure {light_low:.3g} to "
-            f"{light_high:.3g} lux s, {covered}"
+            f"light; {', '.join(self.limits.words)}; the run covers light x exposure {lux_text(light_low, 3)} to "
+            f"{lux_text(light_high, 3)} lux s, {covered}"
         )
 
     def predicted(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> list[tuple[Array, Array]]:

@@ -25,6 +25,7 @@ from blurnoise_eval.plots.style import COLOURS, plain_numbers, spread, tidy
 from blurnoise_eval.program.optimise import Program, Stages
 from blurnoise_eval.program.problem import Schedule
 from blurnoise_eval.program.stepping import stepped
+from blurnoise_eval.program.words import lights_text, lux_text, score_text
 from blurnoise_eval.report.words import counted, keeps, reached_text
 from blurnoise_eval.system.files import write_figure, write_whole
 from blurnoise_eval.system.tables import csv_lines
@@ -48,7 +49,12 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
     schedule, problem, inputs = program.schedule, program.problem, program.problem.inputs
     reached = keeps(inputs.criterion)
     cells = [
-        [_lux(row.illuminance_lux), milliseconds(row.exposure_s), f"{row.gain_db:.1f}", _value(row.value)]
+        [
+            lux_text(row.illuminance_lux),
+            milliseconds(row.exposure_s),
+            f"{row.gain_db:.1f}",
+            score_text(row.value),
+        ]
         for row in spread(rows(program), _SHOWN)
     ]
     yield from table_lines(["light, lux", "exposure, ms", "gain, dB", reached], cells, (True,) * 4, width)
@@ -74,7 +80,7 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
         "with any number of stages": program.best,
         **program.baselines,
     }
-    compared = [[name, _value(of.value), _value(of.worst_speed)] for name, of in schedules.items()]
+    compared = [[name, score_text(of.value), score_text(of.worst_speed)] for name, of in schedules.items()]
     yield from table_lines(["", reached, "worst speed"], compared, (False, True, True), width)
     if apart := differs(program, reaches):
         yield from paragraph(apart, prose)
@@ -91,17 +97,17 @@ def differs(program: Program, reaches: Schedule) -> str:
     )
     if most < _SAME_STOPS:
         return ""
-    return f"libcamera takes another exposure with libcamera.json: {most:.1f} stops apart at {_lux(lux)} lux."
+    return f"libcamera takes another exposure with libcamera.json: {most:.1f} stops apart at {lux_text(lux)} lux."
 
 
 def sentence(program: Program) -> str:
     """The score of the program, and its regret."""
     problem, lights = program.problem, program.problem.scenario.lights_lux
-    value = _value(program.schedule.value)
+    value = score_text(program.schedule.value)
     if program.low is not None and program.high is not None:
         value += f" ({program.low:.3f}-{program.high:.3f})"
     does = reached_text(value, problem.inputs.criterion)
-    start = f"From {_lux(lights[0])} to {_lux(lights[-1])} lux this program {does}."
+    start = f"{lights_text(lights)} this program {does}."
     pictures = counted(len(problem.clusters), "picture")
     if program.regret_95 is None:
         return f"{start} {pictures} are too few to say how much better another program could be."
@@ -116,7 +122,7 @@ def brightest(program: Program) -> str:
 
     def lux(exposure_s: float) -> str:
         """The light at which this exposure needs no gain."""
-        return f"{_lux(metering.lux_at(exposure_s), 3)} lux"
+        return f"{lux_text(metering.lux_at(exposure_s), 3)} lux"
 
     first_s, lamps_s = program.stages.times_s[0], limits.shortest_s
     long = f"Above {lux(lamps_s)} {milliseconds(lamps_s)} ms are too long: exposures are shorter, and lamps flicker"
@@ -124,7 +130,7 @@ def brightest(program: Program) -> str:
     return f"{flickers}Above {lux(first_s)} pictures are too bright at the first stage, {milliseconds(first_s)} ms."
 
 
-def too_bright_above_lux(program: Program) -> float:
+def too_bright_abovelux_text(program: Program) -> float:
     """The light above which pictures are too bright at the first stage."""
     return program.problem.inputs.metering.lux_at(program.stages.times_s[0])
 
@@ -132,23 +138,14 @@ def too_bright_above_lux(program: Program) -> float:
 def daylight(program: Program) -> str:
     """A warning where daylight, or the brightest of the lights, saturates at the first stage; else empty."""
     lux = max(_DAYLIGHT_LUX, program.problem.scenario.lights_lux[-1])
-    stops = math.log2(lux / too_bright_above_lux(program))
+    stops = math.log2(lux / too_bright_abovelux_text(program))
     if stops < _SAME_STOPS:
         return ""
     return (
-        f"Daylight saturates: {_lux(lux)} lux are {stops:.1f} stops too bright at the first stage, "
+        f"Daylight saturates: {lux_text(lux)} lux are {stops:.1f} stops too bright at the first stage, "
         f"{milliseconds(program.stages.times_s[0])} ms, also in libcamera.json. A shorter least_exposure_us, a "
         "smaller aperture or a grey filter mends it."
     )
-
-
-def _lux(light: float, digits: int = 4) -> str:
-    """So many digits, without powers of ten."""
-    return f"{float(f'{light:.{digits}g}'):.8g}"
-
-
-def _value(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
 
 
 def draw(program: Program, title: str, path: Path) -> Path:
@@ -161,7 +158,7 @@ def draw(program: Program, title: str, path: Path) -> Path:
     for (name, schedule), style in zip(schedules.items(), (_BEST, _PROGRAM, *dashed), strict=True):
         drawn = 1e3 * np.array(schedule.exposures_s), schedule.gains_db, np.array(schedule.values, float)
         for axes, values in zip(panels, drawn, strict=True):
-            axes.plot(lights, values, **style, label=f"{name}: {_value(schedule.value)}")
+            axes.plot(lights, values, **style, label=f"{name}: {score_text(schedule.value)}")
     for axes, y in zip(panels, ("Exposure time / ms", "Gain / dB", title.split(": ")[-1]), strict=True):
         tidy(axes, y=y)
     tidy(panels[-1], x="Light on the scene / lux")
@@ -243,7 +240,7 @@ def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]
         "pictures": len(problem.clusters),
         "stages": asdict(program.stages),
         "shortest_tested_s": program.tested_s,
-        "too_bright_above_lux": too_bright_above_lux(program),
+        "too_bright_above_lux": too_bright_abovelux_text(program),
         "libcamera_value": stepped(problem, libcamera_mode(program.stages)).value,
         "nodes": list(map(asdict, rows(program))),
         "without_stages": program.best.value,
@@ -258,7 +255,7 @@ def write(program: Program, folder: Path, run: str, notes: Sequence[str] = ()) -
     modes = {"exposure_modes": {"custom": libcamera_mode(program.stages)}}
     libcamera = {
         "extrapolated_below_us": 1e6 * program.tested_s,
-        "too_bright_above_lux": too_bright_above_lux(program),
+        "too_bright_above_lux": too_bright_abovelux_text(program),
         "rpi.agc": modes,
     }
     files = {

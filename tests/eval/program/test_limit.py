@@ -54,6 +54,12 @@ def test_at_rest_no_cap_is_better():
     limit = best_limit(problem_of({0.0: 1.0}))
     assert limit.limit_s == limit.longest_s
     assert limit_report.sentence(limit).startswith("No cap below 33.3 ms, the longest exposure, is better.")
+    assert "Against" not in limit_report.cost(limit, None, True)  # beside itself it loses and saves nothing
+
+
+def test_a_single_light_is_no_range():
+    limit = best_limit(made_problem(lights_lux=(50.0,), speeds_px_s=FAST))
+    assert " At 50 lux auto exposure then" in limit_report.sentence(limit)
 
 
 def test_faster_motion_has_a_shorter_cap(limit):
