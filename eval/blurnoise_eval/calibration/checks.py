@@ -13,6 +13,7 @@ import numpy as np
 
 from blurnoise_eval.calibration.frames import FEWEST_FLAT
 from blurnoise_eval.calibration.headers import refuse
+from blurnoise_eval.calibration.labels import PILED
 from blurnoise_eval.calibration.levels import Level, columns, frame_scatter
 from blurnoise_eval.calibration.transfer import PLAIN_DN2, SURELY, Linearity
 
@@ -23,7 +24,6 @@ MOST_ROWS = 0.02  # share of temporal variance that rows of flat frames may have
 MOST_CORRELATION = 0.15
 MOST_LINEARITY_ERROR = 0.05
 CLIPPED = 5e-4  # share of pixels at the limit above which a level is left out: its variance is 0.1 % too low
-PILED = 5e-3  # share of pixels with one number above which the level clips there
 MOST_UNLIKE = 0.3  # relative difference of the light of the frames of a level, more than any lamp
 MOST_FALLEN = 0.1  # relative loss of light at a longer exposure
 MOST_OFF = 0.2  # of the signal of a dark level, off the line of the others
@@ -162,12 +162,15 @@ def check_noise(flat: Sequence[Level]) -> None:
         refuse(level.variance_dn2 == 0, same)
 
 
-def check_linearity(flat: Sequence[Level], line: Linearity) -> None:
-    """Raise ``ValueError`` if a level is off the line by more than 5 %."""
+def check_linearity(flat: Sequence[Level], line: Linearity, others: Linearity | None) -> None:
+    """Raise ``ValueError`` if a level is off the line by more than 5 %. others: the line without that level."""
     worst, over = line.deviation[line.worst], "exposure" if line.light == "s" else "light"
     why = f"its signal is {worst:+.2%} off the line over {over}; must be within {MOST_LINEARITY_ERROR:.0%}"
-    raw = "use raw numbers without gamma, a constant lamp and right exposure times"
-    refuse(abs(worst) > MOST_LINEARITY_ERROR, f"{flat[line.worst]}: is not linear: {why}; {raw}")
+    advice = "use raw numbers without gamma, a constant lamp and right exposure times"
+    if others and others.error.value <= MOST_LINEARITY_ERROR:
+        right = "are its exposure and light right, in names, headers or frames.csv?"
+        advice = f"the other levels are; {right} If not, --leave-out '{flat[line.worst]}'"
+    refuse(abs(worst) > MOST_LINEARITY_ERROR, f"{flat[line.worst]}: is not linear: {why}; {advice}")
 
 
 def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tuple[float | None, list[int]]:

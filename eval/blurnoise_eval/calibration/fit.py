@@ -94,15 +94,16 @@ def measure(
     bit_depth: int | None = None,
     layout: RawLayout | None = None,
     cfa: str | None = None,
+    leave_out: Sequence[str] = (),
 ) -> Measurement:
     """Measure the camera that took the frames of ``folder``. bit_depth: of the converter; None: the fewest bits that
-    fit. layout, cfa: as for :class:`Folder`.
+    fit. layout, cfa, leave_out: as for :class:`Folder`.
 
     Raises ``ValueError`` that names the file or level that cannot be used, and the reason.
     """
     if bit_depth is not None:
         integer("bit_depth", bit_depth, 1, 16)
-    files = folder if isinstance(folder, Folder) else Folder(folder, layout, cfa)
+    files = folder if isinstance(folder, Folder) else Folder(folder, layout, cfa, leave_out)
     bit_depth = bit_depth or files.bit_depth
     lowest, *others = [_GainFrames(files.at_gain(gain_db)) for gain_db in files.gains_db]
     highest_dn = max(level.highest_dn for frames in (lowest, *others) for level in frames.levels)
@@ -242,7 +243,8 @@ def _estimates(frames: _GainFrames, curve: _TransferCurve) -> tuple[dict[str, Es
     fit, flat = curve.fit, frames.flat
     brightest_dn = max(flat[index].mean_dn for index in curve.used)
     top_dn = (curve.clip_dn or brightest_dn) - fit.dark.offset
-    linear = transfer.linearity(flat, frames.signal(fit), top_dn)
+    signal = frames.signal(fit)
+    linear = transfer.linearity(flat, signal, top_dn)
     offset = patterns.dark_lines(frames.means.halves)
     estimates = fit.estimates(frames.dark[0].pixels, frames.pixel_share(fit), offset.lines)
     estimates["row_noise_e"] = fit.rms_e(frames.noise.row)
@@ -252,7 +254,9 @@ def _estimates(frames: _GainFrames, curve: _TransferCurve) -> tuple[dict[str, Es
     if curve.clip_dn is not None:
         estimates["full_well_e"] = fit.electrons(Uncertain(top_dn, fit.dark.offset_error))
     if linear:
-        checks.check_linearity(flat, linear)
+        others = [index for index in range(len(flat)) if index != linear.worst]
+        rest = transfer.linearity([flat[index] for index in others], signal[others], top_dn)
+        checks.check_linearity(flat, linear, rest)
         estimates["linearity_error"] = linear.error
         if linear.light == "photons":
             estimates["quantum_efficiency"] = fit.electrons(linear.responsivity)

@@ -17,6 +17,7 @@ from blurnoise_eval.calibration.counts import FrameNumbers, check_wrapped, commo
 from blurnoise_eval.calibration.formats import Plane as Plane
 from blurnoise_eval.calibration.formats import RawLayout, read_plane
 from blurnoise_eval.calibration.headers import refuse
+from blurnoise_eval.calibration.labels import FrameSeen, contradicted
 from blurnoise_eval.calibration.listing import BayerPattern, FrameFile, Kind, list_frames
 
 Floats = NDArray[np.float64]
@@ -38,19 +39,27 @@ class Folder:
 
     Raises ``ValueError`` unless there are dark levels and three flat ones, with two frames each, and for frames of
     different sizes, depths or scales. scale: of the numbers in the files; planes have the counts of the converter.
+    Left out are levels called leave_out, and flat ones whose labels the others contradict.
     size_px: (width, height) of whole frames. site: row and column of the plane in the mosaic, None without one.
     bit_depth: by the list of frames or the scale; black_dn: by the files. notes: assumptions; doubts: of the mosaic.
     """
 
-    def __init__(self, folder: Path, layout: RawLayout | None = None, cfa: str | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        layout: RawLayout | None = None,
+        cfa: str | None = None,
+        leave_out: Sequence[str] = (),
+    ) -> None:
         if cfa is not None:
             one_of("cfa", cfa, get_args(BayerPattern))
         self._layout = layout
         listing = list_frames(folder, layout)
         self.notes, self.black_dn = [*listing.notes], listing.black_dn
-        frames = sorted(listing.frames, key=lambda frame: frame.level)
+        frames = _without(sorted(listing.frames, key=lambda frame: frame.level), leave_out)
         levels = self._group(frames, "".join(f"; {note}" for note in listing.left_out))
         light = self._read(levels)
+        self._check_labels()
         self.bit_depth = listing.bit_depth or self.scale.bits or None
         by_files = {frame.cfa for frame in frames} - {None}
         several = f"frames: have several colour filter arrays, {sorted(map(str, by_files))}; set --cfa"
@@ -89,10 +98,12 @@ class Folder:
         first_size = ""
         numbers: dict[float, list[FrameNumbers]] = {}
         pictures: dict[int, FrameFile] = {}
+        self._seen: dict[FrameFile, FrameSeen] = {}
         sites: dict[Kind, list[Floats]] = {"dark": [], "flat": []}
         for frame in (frame for level in levels for frame in level):
             plane = read_plane(frame.file, self._layout, frame.page)
             numbers.setdefault(frame.gain_db, []).append(FrameNumbers.of(str(frame.file), plane))
+            self._seen[frame] = FrameSeen.of(plane)
             _check_new(plane, frame, pictures)
             if frame.kind == "dark":
                 check_wrapped(str(frame.file), plane)
@@ -106,6 +117,16 @@ class Folder:
         self.size_px, self.scale = (width, height), common_scale(map(scale_of, numbers.values()))
         # the flat frame with the largest differences is neither dim nor clipped
         return np.asarray(max(sites["flat"], key=np.ptp) - np.mean(sites["dark"]))
+
+    def _check_labels(self) -> None:
+        """Leave out flat levels whose labels the others of their gain contradict, with a note on each."""
+        wrong = []
+        for gain_db in self.gains_db:
+            files = self.at_gain(gain_db)
+            for index, note in contradicted(files.dark, files.flat, self._seen).items():
+                wrong.append(files.flat[index])
+                self.notes.append(note)
+        self.flat = [level for level in self.flat if level not in wrong]
 
     def _use_site(self, cfa: str, light: Floats, how: str) -> None:
         """Measure the green pixels of one row of the mosaic. light (4,): mean signal of the four sites."""
@@ -154,6 +175,23 @@ class Folder:
         for frame in frames:
             plane = self.scale.counts(read_plane(frame.file, self._layout, frame.page))
             yield plane if self.site is None else plane[self.site[0] :: 2, self.site[1] :: 2]
+
+
+def _without(frames: Sequence[FrameFile], leave_out: Sequence[str]) -> list[FrameFile]:
+    """The frames without levels of these names, or of names that begin so: "flat 10 ms" for "flat 10 ms, 500 lx".
+
+    Raises ``ValueError`` for a name that no level has.
+    """
+    for name in leave_out:
+        left = [
+            frame
+            for frame in frames
+            if frame.level_name != name and not frame.level_name.startswith(f"{name},")
+        ]
+        names = ", ".join(sorted({frame.level_name for frame in frames})[:3])
+        refuse(len(left) == len(frames), f"leave_out = {name!r}: must name a level, such as {names}")
+        frames = left
+    return [*frames]
 
 
 def _check_new(plane: Plane, frame: FrameFile, before: dict[int, FrameFile]) -> None:

@@ -51,15 +51,7 @@ class Level:
 
     def __str__(self) -> str:
         """The name of the level in messages."""
-        taken = self.taken
-        light = (
-            (taken.photons_per_px, "photons/px"),
-            (taken.illuminance_lux, "lx"),
-            (taken.wavelength_nm, "nm"),
-            (taken.gain_db or None, "dB"),
-        )
-        parts = [f"{value:g} {unit}" for value, unit in light if value is not None]
-        return ", ".join([f"{taken.kind} {self.exposure_s * 1e3:g} ms", *parts])
+        return self.taken.level_name
 
     @property
     def exposure_s(self) -> float:

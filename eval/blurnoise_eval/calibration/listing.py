@@ -56,6 +56,18 @@ class FrameFile(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
     page: Annotated[int, Interval(ge=0)] = 0
 
     @property
+    def level_name(self) -> str:
+        """The name of the level in messages, and for ``--leave-out``."""
+        light = (
+            (self.photons_per_px, "photons/px"),
+            (self.illuminance_lux, "lx"),
+            (self.wavelength_nm, "nm"),
+            (self.gain_db or None, "dB"),
+        )
+        parts = [f"{value:g} {unit}" for value, unit in light if value is not None]
+        return ", ".join([f"{self.kind} {self.exposure_s * 1e3:g} ms", *parts])
+
+    @property
     def level(self) -> tuple[float, ...]:
         """What the frames of a level have in common, in the order of levels."""
         lit = self.kind == "flat"

@@ -15,7 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -24,6 +24,7 @@ from scipy.stats import chi2
 
 from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration.frames import Floats
+from blurnoise_eval.calibration.labels import Light, light_of
 from blurnoise_eval.calibration.levels import Level, columns
 from blurnoise_eval.calibration.patterns import DarkPattern
 from blurnoise_eval.calibration.uncertain import Uncertain, Z
@@ -363,7 +364,7 @@ class Linearity:
     deviation: Floats
     worst: int
     error: Estimate
-    light: Literal["photons", "lux s", "s"]
+    light: Light
 
 
 def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity | None:
@@ -371,14 +372,8 @@ def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity
 
     signal (N,): mean of each level minus that in the dark. None if fewer than three levels are in that range.
     """
-    x, lux, photons, mean_error = columns(
-        flat, "exposure_s", "taken.illuminance_lux", "taken.photons_per_px", "mean_error_dn"
-    )
-    light: Literal["photons", "lux s", "s"] = "s"
-    if not np.isnan(photons).any():
-        x, light = photons, "photons"
-    elif len(np.unique(lux)) > 1 and not np.isnan(lux).any():
-        x, light = lux * x, "lux s"
+    x, light = light_of([level.taken for level in flat])
+    (mean_error,) = columns(flat, "mean_error_dn")
     inside = (signal >= 0.05 * top_dn) & (signal <= 0.95 * top_dn)
     count = int(inside.sum())
     if len(np.unique(x[inside])) < 3:

@@ -197,6 +197,10 @@ FramesLayout = Annotated[
         metavar="PACKING,WxH[,STRIDE]", help="layout of .raw and .bin files, such as mipi10,4056x3040,5072"
     ),
 ]
+FramesLeftOut = Annotated[
+    list[str] | None,
+    Option("--leave-out", metavar="LEVEL", help="leave out a level, such as 'flat 10 ms'; may be repeated"),
+]
 FramesCfa = Annotated[
     str | None, Option(metavar="CFA", help="colour filters, such as RGGB, or none (default: from the files)")
 ]

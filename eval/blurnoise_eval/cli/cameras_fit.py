@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
 from blurnoise_eval.cli import inputs
-from blurnoise_eval.cli._options import FramesCfa, FramesLayout, new_file
+from blurnoise_eval.cli._options import FramesCfa, FramesLayout, FramesLeftOut, new_file
 from blurnoise_eval.system.terminal import say, say_wrapped, show
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def cameras_fit(
     ] = None,
     raw_layout: FramesLayout = None,
     cfa: FramesCfa = None,
+    leave_out: FramesLeftOut = None,
     base: Annotated[
         str,
         Option(
@@ -115,7 +116,13 @@ def cameras_fit(
     if len(sources) > 1 or not (sources or tone):
         must = "exactly one is needed, as in 'blurnoise cameras fit FOLDER -o mine.yaml', or --tone alone"
         raise ValueError(f"folder, dng, libcamera: {must}")
-    of_frames = {"temperature_c": temperature_c, "raw_layout": raw_layout, "cfa": cfa, "grey_card": grey_card}
+    of_frames: dict[str, Any] = {
+        "temperature_c": temperature_c,
+        "raw_layout": raw_layout,
+        "cfa": cfa,
+        "grey_card": grey_card,
+    }
+    of_frames["leave_out"] = leave_out
     of_frames |= {"bit_depth": bit_depth} if libcamera is None else {}
     if folder is None:
         inputs.refuse_unused(of_frames, "a folder of frames")
@@ -144,7 +151,7 @@ def cameras_fit(
         from blurnoise_eval.system.files import write_figure
 
         layout = RawLayout.parse(raw_layout) if raw_layout else None
-        measurement = measure(folder, bit_depth=bit_depth, layout=layout, cfa=cfa)
+        measurement = measure(folder, bit_depth=bit_depth, layout=layout, cfa=cfa, leave_out=leave_out or ())
         camera = to_camera.camera_of(measurement, output.stem, base=base, temperature_c=temperature_c)
         lux = light.of_grey_card(measurement, camera, grey_card)
         camera = to_camera.changed(camera, lux)

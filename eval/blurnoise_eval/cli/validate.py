@@ -13,6 +13,7 @@ from blurnoise_eval.cli._options import (
     CodingOfPicture,
     FramesCfa,
     FramesLayout,
+    FramesLeftOut,
     FullScale,
     Json,
     new_folder,
@@ -44,6 +45,7 @@ def validate(
     ] = None,
     raw_layout: FramesLayout = None,
     cfa: FramesCfa = None,
+    leave_out: FramesLeftOut = None,
     seed: Annotated[int | None, Option(metavar="N", help="seed of the simulated noise (default: 0)")] = None,
     coding: CodingOfPicture = "auto",
     black_level: BlackLevel = None,
@@ -65,7 +67,7 @@ def validate(
     Align the pictures to a few pixels. Both should be linear: simulate with --bit-depth native, and use a raw picture
     of the camera. The command writes DIR/validation.csv and .json.
     """
-    of_frames = {"camera": camera, "raw_layout": raw_layout, "cfa": cfa, "seed": seed}
+    of_frames = {"camera": camera, "raw_layout": raw_layout, "cfa": cfa, "leave_out": leave_out, "seed": seed}
     levels = {"black_level": black_level, "full_scale": full_scale}
     # Two commands share a name: options of the other one are refused rather than ignored.
     of_pictures = {"coding": None if coding == "auto" else coding, **levels}
@@ -73,7 +75,8 @@ def validate(
         if real.is_file():
             raise ValueError(f"simulated: is missing; must be a picture of the same chart as {real}")
         inputs.refuse_unused(of_pictures, "two pictures")
-        _validate_frames(real, output, as_json, camera, raw_layout=raw_layout, cfa=cfa, seed=seed or 0)
+        how: dict[str, Any] = {"raw_layout": raw_layout, "cfa": cfa, "leave_out": leave_out or ()}
+        _validate_frames(real, output, as_json, camera, seed=seed or 0, **how)
         return
     inputs.refuse_unused(of_frames, "a folder of frames")
     for name, picture in (("real", real), ("simulated", simulated)):

@@ -136,7 +136,7 @@ class Validation:
 
 def validate(
     folder: Path, camera: Camera | None = None, *, base: str = "imx250", layout: RawLayout | None = None,
-    cfa: str | None = None, seed: int = 0,
+    cfa: str | None = None, leave_out: Sequence[str] = (), seed: int = 0,
 ) -> Validation:  # fmt: skip
     """Compare the frames of ``folder`` with simulated ones; without a camera, one is fitted to every other level.
 
@@ -144,8 +144,8 @@ def validate(
     Raises ``ValueError`` for frames that cannot be used, as that does.
     """
     seed = integer("seed", seed, 0, rng.LAST_SEED)
-    every = Folder(folder, layout, cfa)
-    lowest_db, notes = every.gains_db[0], list[str]()
+    every = Folder(folder, layout, cfa, leave_out)
+    lowest_db, notes = every.gains_db[0], [note for note in every.notes if note.endswith("left out")]
     files, fitted = every.at_gain(lowest_db), None
     if len(every.gains_db) > 1:
         notes.append(f"the frames have several gains; those at {lowest_db:g} dB are compared")
