@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
-from blurnoise_eval.calibration.frames import FEWEST_FLAT
+from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats
 from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.labels import PILED
 from blurnoise_eval.calibration.levels import Level, columns, frame_scatter
@@ -24,6 +25,10 @@ MOST_ROWS = 0.02  # share of temporal variance that rows of flat frames may have
 MOST_CORRELATION = 0.15
 MOST_LINEARITY_ERROR = 0.05
 CLIPPED = 5e-4  # share of pixels at the limit above which a level is left out: its variance is 0.1 % too low
+MOST_CUT = 0.05  # share of the pixels at which noise is cut off; it is then 3 % too low
+_FEW = 0.25  # of the pixels that noise would have below a number
+_ABOVE = 2e-3  # share of the pixels: with noise from half a step on, more are beyond the next number
+_SHORT = 0.35  # of the step before, in deviations of a normal distribution; equal for one
 MOST_UNLIKE = 0.3  # relative difference of the light of the frames of a level, more than any lamp
 MOST_FALLEN = 0.1  # relative loss of light at a longer exposure
 MOST_OFF = 0.2  # of the signal of a dark level, off the line of the others
@@ -87,23 +92,54 @@ def _range(level: Level) -> str:
 
 
 def _check_cut(level: Level) -> None:
-    """Raise ``ValueError`` if the noise of a dark level is cut off, at 0 or at a black level above 0.
+    """Raise ``ValueError`` if much of the noise of a dark level is cut off, at 0 or at a black level above 0."""
+    lowest, variance = int(np.flatnonzero(level.counts)[0]), level.variance_dn2
+    black = "raise the black level of the camera"
+    at_zero = level.share(0) > PILED and level.mean_dn + 0.5 < 3 * math.sqrt(variance)
+    refuse(not lowest and (level.highest_dn == 0 or at_zero), f"{_clipped(level, 0)}; {black}")
+    cut = cut_at(level)
+    if cut is not None and variance > PLAIN_DN2 and level.share(cut) > MOST_CUT:
+        after = "as after an offset was subtracted and another added; use raw frames"
+        raise ValueError(f"{_clipped(level, cut)}, hardly any below, {after}, or {black}")
+
+
+def _clipped(level: Level, dn: int) -> str:
+    return f"{level}: is clipped, {100 * level.share(dn):.3g} % of its pixels are {dn}"
+
+
+def cut_at(level: Level) -> int | None:
+    """The number at which the noise of a dark level is cut off, or None.
 
     For a normal distribution of variance V, sampled at steps g, the share of n - g is the squared share of n, divided
-    by that of n + g, times exp(-g^2 / V); for pixels with different means it is larger.
+    by that of n + g, times exp(-g^2 / V); for pixels with different means it is larger. Few pixels below, as dead
+    ones, are not the noise that is missing there. With little noise, rounding leaves two or three numbers; the share
+    below the first one is then that of a normal distribution with the shares up to the first and the second.
     """
-    lowest, following = [*np.flatnonzero(level.counts)[:2], 0][:2]
-    share, variance = level.share(lowest), level.variance_dn2
-    clipped = f"{level}: is clipped, {100 * share:.3g} % of its pixels are {lowest}"
-    at_zero = share > PILED and level.mean_dn + 0.5 < 3 * math.sqrt(variance)
-    black = "raise the black level of the camera"
-    refuse(not lowest and (level.highest_dn == 0 or at_zero), f"{clipped}; {black}")
-    if not (lowest and following and variance > PLAIN_DN2 and share > PILED):
-        return  # with less noise, rounding leaves two or three numbers
-    gap = following - lowest
-    below = level.counts[lowest] ** 2 / level.counts[following] * math.exp(-(gap**2) / variance)
-    cut = f"{clipped}, none below, as after an offset was subtracted and another added; use raw frames, or {black}"
-    refuse(below > SURELY**2, cut)
+    numbers = np.flatnonzero(level.counts)
+    counts, gaps = level.counts[numbers].astype(float), np.diff(numbers)
+    below = np.cumsum(counts)[:-1] - counts[:-1]
+    if level.variance_dn2 > PLAIN_DN2:
+        expected = counts[:-1] ** 2 / counts[1:] * np.exp(-(gaps**2) / level.variance_dn2)
+    else:
+        up_to, step = normal_cut(counts)
+        # Few pixels above may be hot; many hot ones make the next step far shorter than this one.
+        above = 1 - np.cumsum(counts)[1:] / counts.sum()
+        normal = (above > _ABOVE) & (np.append(step[1:], math.inf) > _SHORT * step)
+        expected = np.where(normal, counts.sum() * ndtr(up_to - step), 0.0)
+    piled = counts[:-1] > PILED * counts.sum()
+    cut = np.flatnonzero(piled & (expected > SURELY**2) & (below < _FEW * expected))
+    return int(numbers[cut[0]]) if len(cut) else None
+
+
+def normal_cut(counts: Floats) -> tuple[Floats, Floats]:
+    """For every number but the last, with these counts: how many deviations from the mean it ends, and a step has.
+
+    >>> ends, steps = normal_cut(np.array([8413.0, 1573.0, 14.0]))  # 1, 3 deviations above the mean
+    >>> ends.round(2).tolist(), steps.round(2).tolist()
+    ([1.0, 2.99], [1.99, inf])
+    """
+    ends = ndtri(np.cumsum(counts) / counts.sum())
+    return ends[:-1], np.diff(ends)
 
 
 def _check_order(dark: Sequence[Level], flat: Sequence[Level]) -> None:

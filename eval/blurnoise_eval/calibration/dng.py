@@ -4,7 +4,8 @@ Only tags are read, of any directory. The black level of a pixel is BlackLevel o
 BlackLevelDeltaH of its column plus BlackLevelDeltaV of its row; here it is their mean. NoiseProfile gives the
 variance S x + O of a value x in [0, 1] between black and white level. With K in DN/e- and W = white - black, a mean
 of n electrons is x = K n/W and its shot noise K^2 n/W^2 = (K/W) x: so K = S W, and the noise in the dark is sqrt(O)/S
-electrons, rounding included. Source: DNG specification 1.7.1, tags 50714 to 50717, 50829, 51041.
+electrons, rounding included: to counts, or to the numbers that a LinearizationTable has at black. Source: DNG
+specification 1.7.1, tags 50712, 50714 to 50717, 50829, 51041.
 """
 
 from __future__ import annotations
@@ -16,7 +17,14 @@ from pathlib import Path
 import numpy as np
 
 from blurnoise.camera import Camera
-from blurnoise_eval.calibration.headers import Tags, directories, linearized, numbers, refuse
+from blurnoise_eval.calibration.headers import (
+    LINEARIZATION,
+    Tags,
+    directories,
+    linearized,
+    numbers,
+    refuse,
+)
 from blurnoise_eval.calibration.to_camera import Known, on_base
 from blurnoise_eval.system.files import check_regular
 
@@ -72,7 +80,8 @@ def _levels(raw: Tags, tags: Tags, of: str) -> Known:
     sound, levels = 0 <= black < white <= 65535, f"{tags_of_black} = {black:g}, WhiteLevel = {white:g}"
     refuse(not sound, f"{levels}: must be 0 <= black < white <= 65535")
     span, gain = white - black, scale * (white - black)
-    read_e = math.sqrt(max(0.0, offset - 1 / 12 / span**2)) / scale
+    step = _step_at(black, raw)
+    read_e = math.sqrt(max(0.0, offset - step**2 / 12 / span**2)) / scale
     profiled = f"from NoiseProfile {of}" + (f", its plane {used + 1} of {len(planes)}" if used else "")
     depth = f"derived: the fewest bits that hold WhiteLevel {white:g}"
     depth = depth if WHITE_LEVEL in raw else "stated: BitsPerSample"
@@ -81,11 +90,21 @@ def _levels(raw: Tags, tags: Tags, of: str) -> Known:
         if BLACK_LEVEL in raw or deltas
         else "assumed: no BlackLevel, so 0,"
     )
-    profiled += f"; {linearized(raw)}, counted here" if linearized(raw) else ""
+    rounding = f"the rounding of {step:g}²/12 DN²" if step > 1 else "the rounding of 1/12 DN²"
+    rounding += f"; {linearized(raw)}, by {step:g} near black" if linearized(raw) else ""
     return {
         "system_gain_dn_per_e": (gain, f"derived: S (white - black) {profiled}"),
-        "read_noise_e": (read_e, f"derived: sqrt(O)/S {profiled}, less the rounding of 1/12 DN²"),
+        "read_noise_e": (read_e, f"derived: sqrt(O)/S {profiled}, less {rounding}"),
         "full_well_e": (span / gain, f"derived: (white - black) / K, {of}; the full well may be larger"),
         "black_level_dn": (black, f"{level} {of}"),
         "bit_depth": (max(1, math.ceil(math.log2(white + 1))), f"{depth} {of}"),
     }
+
+
+def _step_at(black: float, raw: Tags) -> float:
+    """Distance of the numbers that a LinearizationTable has around the black level; 1 without a table."""
+    table = np.unique(numbers(raw, LINEARIZATION))
+    if len(table) < 2:
+        return 1.0
+    above = np.clip(np.searchsorted(table, black), 1, len(table) - 1)
+    return float(table[above] - table[above - 1])

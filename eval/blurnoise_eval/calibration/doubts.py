@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurnoise.metrics.values import Estimate
-from blurnoise_eval.calibration import patterns
-from blurnoise_eval.calibration.counts import missing_numbers
+from blurnoise_eval.calibration import checks, patterns
+from blurnoise_eval.calibration.counts import MOST_MISSING, missing_numbers
 from blurnoise_eval.calibration.frames import Floats, Folder
 from blurnoise_eval.calibration.levels import Level, columns, noise_of_mean
 from blurnoise_eval.calibration.patterns import DarkPattern
-from blurnoise_eval.calibration.transfer import SURELY, Transfer, drift, straight
+from blurnoise_eval.calibration.transfer import PLAIN_DN2, SURELY, Transfer, drift, straight
 
-MOST_MISSING = 0.05  # share of the numbers between frequent ones that never occur
 LEAST_DRIFT = 0.1  # relative change of the dark current over the dark frames
 LEAST_HOT = 1.1  # DSNU with hot pixels over DSNU without
 LEAST_CURVE = 0.03  # exponent of the signal in the gain: a gamma of 0.97
@@ -101,15 +100,48 @@ def hot_pixels(pattern: DarkPattern, fit: Transfer) -> Doubt | None:
     )
 
 
-def stretched(levels: Sequence[Level]) -> Doubt | None:
+def stretched(levels: Sequence[Level], gain: float) -> Doubt | None:
     """Numbers between frequent ones never occur: they were stretched after the converter, which adds rounding."""
     never, possible = missing_numbers([level.counts for level in levels])
     if never <= MOST_MISSING * possible:
         return None
+    steps = " to ".join(
+        f"{step:.3g}" for step in sorted({f(level.step_dn for level in levels) for f in (min, max)})
+    )
+    coarse = [level for level in levels if level.coarse]
+    rounding = f"numbers are {steps} DN apart, and the variance of that rounding is subtracted"
+    if coarse:
+        least = f"the noise is below 0.4 of a step in {coarse[0]}"
+        rounding += f" ({least}, where it is not known well)"
     return Doubt(
         ("read_noise_e", "system_gain_dn_per_e", "dsnu_e"),
         f"{never} of {possible} numbers never occur between frequent ones: they were stretched after the converter "
-        "(digital gain, tone curve, LinearizationTable), so rounding adds more noise than is assumed; use raw frames",
+        f"(digital gain, tone curve, LinearizationTable); {rounding}; use raw frames",
+        max((level.step_dn for level in coarse), default=0.0) / math.sqrt(12) / gain,
+    )
+
+
+def clamped(dark: Sequence[Level], fit: Transfer) -> Doubt | None:
+    """The noise of a dark level is cut off at a number; the normal distribution of the pixels above is wider."""
+    # With little noise, few electrons of dark charge look like the upper half of a wider distribution.
+    certain = [level for level in dark if level is dark[0] or level.variance_dn2 > PLAIN_DN2]
+    found = [(level, cut) for level in certain for cut in [checks.cut_at(level)] if cut is not None]
+    if not found:
+        return None
+    level, cut = found[0]
+    counts = level.counts.astype(float)
+    share = level.share(cut)
+    (_, step) = checks.normal_cut(
+        np.array([counts[: cut + 1].sum(), *counts[cut + 1 :][counts[cut + 1 :] > 0]])
+    )
+    noise_e, read_e = 1 / float(step[0]) / fit.gain, math.sqrt(fit.read_dn2) / fit.gain
+    by_others = f"by the pixels above, read noise and DSNU are {noise_e:.3g} e- together"
+    return Doubt(
+        ("read_noise_e", "dsnu_e", "black_level_dn"),
+        f"black seems clamped: {100 * share:.3g} % of the pixels of {level} are {cut} DN, hardly any below; "
+        f"{by_others}; raise the black level of the camera",
+        # A normal distribution that is cut at a small share loses up to this share of its deviation.
+        max(noise_e - read_e, read_e * min(share, checks.MOST_CUT)),
     )
 
 

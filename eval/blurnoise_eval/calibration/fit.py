@@ -133,7 +133,8 @@ def measure(
         warming or curve.tone,
         doubts.hot_pixels(curve.pattern, fit),
         None if warming or curve.tone else _stray_light(lowest, chosen, light, fit),
-        doubts.stretched([*dark, *flat]),
+        doubts.clamped(dark, fit),
+        doubts.stretched([*dark, *flat], fit.gain),
         *(Doubt(("quantum_efficiency", "cfa"), text) for text in files.doubts),
     ]
     found = [doubt for doubt in candidates if doubt]

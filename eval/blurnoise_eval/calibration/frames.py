@@ -65,10 +65,14 @@ class Folder:
         several = f"frames: have several colour filter arrays, {sorted(map(str, by_files))}; set --cfa"
         refuse(not cfa and len(by_files) > 1, several)
         self.doubts: list[str] = []
-        self.cfa: str | None = cfa or next(iter(by_files), None) or _detected(light)
+        found = _detected(light)
+        self.cfa: str | None = cfa or next(iter(by_files), None) or found
         self.site: tuple[int, int] | None = None
         if self.cfa not in (None, "none"):
             self._use_site(str(self.cfa), light, "" if cfa or by_files else "detected: ")
+        elif self.cfa and found:
+            unlike = f"the four pixels of each 2 x 2 differ by {_difference(light):.0%} in light, as those of {found}"
+            self.doubts.append(f"colour filters: none by --cfa or the files, but {unlike}; set --cfa")
 
     def _group(self, frames: Sequence[FrameFile], left_out: str) -> list[list[FrameFile]]:
         """Group the frames in levels. Raises ``ValueError`` for too few; left_out: the end of its text."""
@@ -114,7 +118,10 @@ class Folder:
             refuse(size != first_size, mixed)
             means = [plane[row::2, column::2].mean() for row in (0, 1) for column in (0, 1)]
             sites[frame.kind].append(np.array(means))
-        self.size_px, self.scale = (width, height), common_scale(map(scale_of, numbers.values()))
+        self.size_px, self.scale = (
+            (width, height),
+            common_scale({gain_db: scale_of(frames) for gain_db, frames in numbers.items()}),
+        )
         # the flat frame with the largest differences is neither dim nor clipped
         return np.asarray(max(sites["flat"], key=np.ptp) - np.mean(sites["dark"]))
 
@@ -140,7 +147,14 @@ class Folder:
         figures = f"{how}colour filters {cfa}: values are for the {name} pixels, {where}"
         self.notes.append(f"{figures}; relative signal of the others: {others}")
         pair = [site for site, letter in enumerate(cfa) if letter == cfa[used]]
-        if len(pair) > 2 or _difference(light[pair]) < _DOUBTFUL:
+        if _difference(light) < _ALIKE:
+            alike = f"the four pixels of each 2 x 2 get the same light, within {_ALIKE:.0%}"
+            self.doubts.append(f"colour filters: {cfa} by --cfa or the files, but {alike}; set --cfa none")
+        if _difference(light[pair]) < _DOUBTFUL:
+            return
+        if len(pair) > 2:
+            of_pair = f"the three {name} ones of {cfa} differ by {_difference(light[pair]):.0%}"
+            self.doubts.append(f"colour filters: {of_pair}; set --cfa")
             return
         rest = [site for site in range(4) if site not in pair]
         mirrored = {"".join(row[::-1] for row in (cfa[:2], cfa[2:])), cfa[2:] + cfa[:2]}

@@ -15,8 +15,11 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise_eval.calibration.counts import step_of
 from blurnoise_eval.calibration.frames import Floats, Plane
 from blurnoise_eval.calibration.listing import FrameFile
+
+_FINE = 0.4  # of a step: noise above which rounding adds a known variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +29,8 @@ class Level:
     taken: how its first frame was taken. pixels: of a frame. means_dn: of each frame, in order. lamp_spread: range of
     the means of the frames, relative to the signal (0 in the dark). row_share: share of the temporal variance that
     whole rows have in common. correlation: of the temporal noise of neighbours, along rows or columns, whichever is
-    larger. counts (65536,): number of pixels with each digital number.
+    larger. counts (65536,): number of pixels with each digital number. step_dn: how far numbers are apart, as a table
+    or a digital gain stores them; 1 else. The variance is without what rounding to them adds to that of a converter.
 
     >>> from pathlib import Path
     >>> taken = FrameFile(file=Path("dark.npy"), kind="dark", exposure_s=0.01)
@@ -48,6 +52,7 @@ class Level:
     row_share: float
     correlation: float
     counts: NDArray[np.int64]
+    step_dn: float = 1.0
 
     def __str__(self) -> str:
         """The name of the level in messages."""
@@ -57,6 +62,14 @@ class Level:
     def exposure_s(self) -> float:
         """Exposure time."""
         return self.taken.exposure_s
+
+    @property
+    def coarse(self) -> bool:
+        """Whether numbers are so far apart that nobody knows what their rounding adds to the variance.
+
+        With a noise of 0.4 steps it adds step^2/12 within 4 e^(-2 pi^2 0.4^2) of the noise's variance.
+        """
+        return self.step_dn > 1 and self.variance_dn2 - 1 / 12 < (_FINE * self.step_dn) ** 2
 
     @property
     def drift_dn(self) -> float:
@@ -113,6 +126,8 @@ def level_of(planes: Iterable[Plane], taken: FrameFile, dark_dn: float = 0.0) ->
     if lit and (signals > 0).all():  # from the shot noise of the first frame's light to that of the mean
         variances *= signals.mean() / (signals[0] ** 2 * (1 / signals).mean())
     variance, signal = float(variances.mean()) * pixels / (pixels - 1), float(signals.mean())
+    step_dn = step_of(counts)
+    variance = max(variance - (step_dn**2 - 1) / 12, min(variance, 1 / 12))
     rows = float(pair.mean(1).var(ddof=1)) / 2 - variance / first.shape[1]
     power = float((pair * pair).mean())
     neighbours = max(float((pair[:, 1:] * pair[:, :-1]).mean()), float((pair[1:] * pair[:-1]).mean()))
@@ -129,6 +144,7 @@ def level_of(planes: Iterable[Plane], taken: FrameFile, dark_dn: float = 0.0) ->
         row_share=rows / variance if variance else 0.0,
         correlation=neighbours / power if power else 0.0,
         counts=counts,
+        step_dn=step_dn,
     )
     return level, first + total / frames
 

@@ -57,6 +57,8 @@ def camera_of(
         known["photon_transfer"] = (tuple((share, point.value) for share, point in points), text)
     preset = PRESETS[one_of("base", base, sorted(PRESETS))]
     known |= _gains(measurement, preset)
+    if not measurement.cfa and preset.sensor.cfa == "none":
+        known["cfa"] = ("mono", "measured: the pixels of each 2 x 2 have no colour filters")
     if measurement.cfa and set(measurement.cfa) == set(preset.sensor.cfa):
         doubted = [doubt.text for doubt in measurement.doubts if "cfa" in doubt.figures]
         known["cfa"] = (measurement.cfa, "; doubtful: ".join(["stated with the frames", *doubted]))
@@ -73,6 +75,10 @@ def camera_of(
         known["dark_current_e_s"] = (0.0, part)
     elif temperature_c is not None:
         known["dark_reference_c"] = (temperature_c, "stated with the frames")
+    if "dark_current_e_s" in estimates and estimates["dark_current_e_s"].low <= 0:
+        # A camera need not have one, and exposure programs hold for cameras without.
+        value, source = known["dark_current_e_s"]
+        known["dark_current_e_s"] = (0.0, f"{source}; {value:.3g} is not told from 0, which is used")
     return on_base(name, known, base)
 
 

@@ -67,10 +67,19 @@ def test_the_black_level_is_the_mean_of_its_three_tags(tmp_path):
     assert "BlackLevel + BlackLevelDeltaH + BlackLevelDeltaV" in camera.sources["black_level_dn"]
 
 
-def test_active_area_and_linearization_table(tmp_path):
-    camera = camera_of_dng(dng(tmp_path, t50829=(4, (1, 2, 47, 60)), t50712=(3, (0, 1, 4095))))
+def test_active_area(tmp_path):
+    camera = camera_of_dng(dng(tmp_path, t50829=(4, (1, 2, 47, 60))))
     assert (camera.sensor.width_px, camera.sensor.height_px) == (58, 46)
-    assert "a LinearizationTable spreads 3 stored numbers to 4095" in camera.sources["read_noise_e"]
+
+
+def test_the_rounding_of_a_linearization_table_is_no_read_noise(tmp_path):
+    """Numbers by 4 around black: O has 16/12 DN^2 of them, which were 5.84 e- for 5.0."""
+    table = (*range(0, 256, 4), *range(256, 4096, 32), 4095)
+    rounded = ((GAIN * READ_E) ** 2 + 16 / 12) / SPAN**2
+    camera = camera_of_dng(dng(tmp_path, t50712=(3, table), t51041=(12, (S, rounded))))
+    assert camera.sensor.read_noise_e == pytest.approx(READ_E)
+    said = f"less the rounding of 4²/12 DN²; a LinearizationTable spreads {len(table)} stored numbers to 4095"
+    assert said in camera.sources["read_noise_e"]
 
 
 AREAS = {(1, 1, 47, 63): "BGGR", (1, 0, 47, 64): "GBRG", (0, 1, 48, 63): "GRBG", (2, 2, 46, 62): "RGGB"}

@@ -104,26 +104,45 @@ def test_figures_of_a_mosaic_are_of_its_green_pixels(tmp_path):
     assert any(note.startswith("detected: colour filters XGGX") for note in measure(folder).notes)
 
 
+HALF, FLAT = (0.5, 1.0, 1.0, 0.3), (1.0, 1.0, 1.0, 1.0)
 DOUBTED = {
     "a row off": (
-        "GBRG",
-        "the two green ones of GBRG differ by 5[0-9] %, the other two by 0 %; BGGR or RGGB is likely",
+        HALF, "GBRG",
+        "the two green ones of GBRG differ by 5[0-9]%, the other two by 0%; BGGR or RGGB is likely",
     ),
-    "not a mosaic's": ("RGGB", None),
-    "a column off": ("BGGR", None),
-    "other letters": ("GRBG", "BGGR or RGGB is likely; set --cfa"),
-}
+    "not a mosaic's": (HALF, "RGGB", None),
+    "a column off": (HALF, "BGGR", None),
+    "other letters": (HALF, "GRBG", "BGGR or RGGB is likely; set --cfa"),
+    "three clear ones": (HALF, "RCCC", "the three clear ones of RCCC differ by 91%"),
+    "a mosaic, none stated": (HALF, "none", "none by --cfa or the files, but .* as those of XGGX; set --cfa"),
+    "none, a mosaic stated": (FLAT, "RGGB", "RGGB by --cfa or the files, but .* get the same light"),
+    "none": (FLAT, "none", None),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(("cfa", "why"), DOUBTED.values(), ids=DOUBTED)
-def test_greens_that_differ_are_doubted(tmp_path, cfa, why):
-    """Of R 0.5, G 1, B 0.3; red and blue look alike."""
-    found = measure(mosaic(tmp_path / "frames", (0.5, 1.0, 1.0, 0.3)), cfa=cfa)
-    assert [bool(re.search((why or "").replace(" %", "%"), doubt.text)) for doubt in found.doubts] == (
-        [True] if why else []
-    )
-    if why:
+@pytest.mark.parametrize(("shares", "cfa", "why"), DOUBTED.values(), ids=DOUBTED)
+def test_filters_that_the_light_contradicts_are_doubted(tmp_path, shares, cfa, why):
+    """Of R 0.5, G 1, B 0.3 red and blue look alike."""
+    found = measure(mosaic(tmp_path / "frames", shares), cfa=cfa)
+    filters = [doubt for doubt in found.doubts if doubt.text.startswith("colour filters")]
+    assert [bool(re.search(why or "", doubt.text)) for doubt in filters] == ([True] if why else [])
+    if why and found.cfa and found.cfa != "RCCC":
         assert "doubtful: colour filters" in camera_of(found, "mine", base="imx250c").sources["cfa"]
+
+
+def test_the_camera_without_a_mosaic_is_monochrome(tmp_path):
+    camera = camera_of(measure(mosaic(tmp_path / "frames", FLAT)), "mine")
+    assert camera.sensor.cfa == "mono"
+    assert camera.sources["cfa"].startswith("measured")
+
+
+def test_a_dark_current_that_may_be_0_is_0(tmp_path):
+    """Exposure programs hold for cameras without; the interval is in the source."""
+    found = measure(mosaic(tmp_path / "frames", FLAT))
+    assert found.estimates["dark_current_e_s"].low == 0
+    camera = camera_of(found, "mine")
+    assert camera.sensor.dark_current_e_s == 0
+    assert "is not told from 0, which is used" in camera.sources["dark_current_e_s"]
 
 
 def test_the_camera_behind_a_mosaic(tmp_path):
@@ -143,4 +162,4 @@ def test_the_camera_behind_a_mosaic(tmp_path):
     assert (camera.sensor.cfa, camera.sources["cfa"]) == ("GBRG", "stated with the frames")
     assert camera.sensor.quantum_efficiency == Camera.preset("imx250c").sensor.quantum_efficiency
     assert "measured was 0.59" in camera.sources["quantum_efficiency"]
-    assert camera_of(found, "mine").sensor.cfa == "none"
+    assert camera_of(found, "mine").sensor.cfa == "none"  # whose base has no mosaic
