@@ -121,7 +121,8 @@ class Camera:
     def at_gain(self, gain_db: float) -> Amplified:
         """The camera at an analogue gain up to ``analogue_gain_max_db``, and the remaining digital gain.
 
-        :meth:`Sensor.amplified` says how its figures follow. Raises ``ValueError`` beyond ``gain_max_db``.
+        :meth:`Sensor.amplified` and :meth:`Isp.at_gain` say how its figures follow. Raises ``ValueError`` beyond
+        ``gain_max_db``.
 
         >>> camera, digital_db = Camera.preset("imx250").at_gain(30.0)
         >>> round(camera.sensor.system_gain_dn_per_e, 2), digital_db
@@ -196,7 +197,8 @@ def _at_gain(camera: Camera, gain_db: float) -> Amplified:
     analogue_db = min(max(gain_db, 0.0), camera.sensor.analogue_gain_max_db)
     if analogue_db == 0:
         return Amplified(camera, gain_db)
-    return Amplified(replace(camera, sensor=camera.sensor.amplified(analogue_db)), gain_db - analogue_db)
+    sensor, isp = camera.sensor.amplified(analogue_db), camera.isp.at_gain(gain_db)
+    return Amplified(replace(camera, sensor=sensor, isp=isp), gain_db - analogue_db)
 
 
 PRESETS: dict[str, Camera] = {}

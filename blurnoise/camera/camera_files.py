@@ -44,8 +44,9 @@ _FLAT = (
     "photon_transfer", "captures", "dark_current_e_s", "dark_reference_c", "dark_doubling_c", "row_noise_e",
     "column_noise_e", "black_level_drift_dn", "prnu", "prnu_row", "prnu_column", "dsnu_e", "dsnu_row_e",
     "dsnu_column_e", "black_level_dn", "bit_depth", "defocus_radius_px", "defocus_counts_pixel",
-    "diffraction_wavelength_um", "cfa", "white_balance", "demosaic", "ccm", "tone", "jpeg_quality", "width_px",
-    "height_px", "hfov_deg", "row_time_s", "shutter", "scan",
+    "diffraction_wavelength_um", "cfa", "white_balance", "demosaic", "ccm", "tone", "noise_reduction", "local_tone",
+    "sharpening", "jpeg_quality", "jpeg_subsampling", "width_px", "height_px", "hfov_deg", "row_time_s", "shutter",
+    "scan",
 )  # fmt: skip
 # Files list the figures as people look for them, pixel and lens first. A figure that is not listed here still has its
 # place: one of the lens in the mapping, any other after those listed.
@@ -59,7 +60,7 @@ KEYS = (
 )
 """Keys of files, in their order."""
 _NO_FIGURES = ("name", "captures", "defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality",
-               "sources")  # fmt: skip
+               "jpeg_subsampling", "sources")  # fmt: skip
 
 
 def preset(name: str) -> Any:

@@ -45,7 +45,8 @@ def develop(
     demosaicking and colour matrix come before the gain: see ``STEPS``. dn: integers of any size, float32 or float64,
     of any shape; a mosaic (B, 1, H, W) becomes (B, 3, H, W). Values outside the converter's range are clamped.
     The captures of an HDR camera, (captures, B, C, H, W), are fused first (:mod:`.fusion`); white_e electrons of the
-    first one, (B,) or one number, become white. Returns dn's floating dtype, float32 for integers.
+    first one, (B,) or one number, become white. Noise reduction, local tone, sharpening and JPEG round to 8 bits.
+    Returns dn's floating dtype, float32 for integers.
     Tables speed up whole numbers; gradients and fractions use the formulas. Raises ``TypeError`` or ``ValueError``
     naming dn (NaN and Inf are invalid), camera, encoding, gain_db, illuminant or white_e.
 
@@ -57,13 +58,14 @@ def develop(
     """
     at = Development(camera, gain_db, encoding, illuminant, white_e)
     kind, active = _checked(dn, camera)
-    # Tables have no slope, and none holds a frame of several captures.
-    formulas = differentiable(dn) or steps.FUSION in active
-    if formulas or (dn.is_floating_point() and not _whole(dn)):
+    if steps.FUSION in active or not _tabled(dn):  # no table holds a frame of several captures
         return _developed(dn.to(kind), at, active)
     # Whole numbers are few: what the leading steps make of each is computed once and looked up.
     first = _first_steps(dn, at, active)
-    return _developed(_looked_up(dn, at, first, kind), at, active[len(first) :])
+    later = active[len(first) :]
+    if later and _coded(at, later):
+        return _developed(_looked_up(dn, at, first, torch.uint8), at, later).to(kind) / 255
+    return _developed(_looked_up(dn, at, first, kind), at, later)
 
 
 def develop_8bit(
@@ -81,8 +83,10 @@ def develop_8bit(
     """
     at = Development(camera, gain_db, "srgb", illuminant, white_e)
     _, active = _checked(dn, camera)
-    if _first_steps(dn, at, active) == active:
-        return _looked_up(dn, at, active, torch.uint8)
+    first = _first_steps(dn, at, active)
+    later = active[len(first) :]
+    if not later or (_coded(at, later) and _tabled(dn)):
+        return _developed(_looked_up(dn, at, first, torch.uint8), at, later)
     picture: Tensor = develop(dn, camera, gain_db=gain_db, illuminant=illuminant, white_e=white_e)
     return picture.mul(255.0).round().to(torch.uint8)
 
@@ -146,8 +150,17 @@ def _checked(dn: Tensor, camera: Camera) -> tuple[torch.dtype, tuple[PictureStep
     return kind, active
 
 
-def _whole(dn: Tensor) -> bool:
-    """Whether floats are whole numbers; on the CPU in pieces that stay in its cache."""
+def _coded(at: Development, some: tuple[PictureStep, ...]) -> bool:
+    """Whether all steps take a picture of 8 bits, which linear ones never are."""
+    return at.encoding == "srgb" and all(step.coded for step in some)
+
+
+def _tabled(dn: Tensor) -> bool:
+    """Whether tables serve: for whole numbers without gradients; on the CPU in pieces that stay in its cache."""
+    if differentiable(dn):
+        return False
+    if not dn.is_floating_point():
+        return True
     if dn.device.type != "cpu":
         return torch.equal(dn, dn.trunc())
     pieces = torch.split(dn.detach().flatten(), 1 << 16)

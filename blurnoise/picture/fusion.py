@@ -64,9 +64,9 @@ def _amplified(camera: Camera, gain_db: float) -> Amplified:
         replace(capture, gain_db=total_db)
         for capture, total_db in zip(camera.sensor.captures, totals_db, strict=True)
     )
-    return Amplified(
-        camera.with_figures(captures=captures), gain_db + camera.sensor.captures[0].gain_db - totals_db[0]
-    )
+    first_db = gain_db + camera.sensor.captures[0].gain_db
+    taken = replace(camera.with_figures(captures=captures), isp=camera.isp.at_gain(first_db))
+    return Amplified(taken, first_db - totals_db[0])
 
 
 @lru_cache(maxsize=256)

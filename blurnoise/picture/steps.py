@@ -7,6 +7,7 @@ picture in [0, 1]. ``STEPS`` is read wherever a frame is developed: a new entry 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -19,10 +20,13 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from blurnoise._core.checks import an_instance, limited, one_of
+from blurnoise._core.threads import differentiable
 from blurnoise.camera import Camera, colour
 from blurnoise.camera.colour import Encoding, Matrix
+from blurnoise.camera.isp import row_at
 from blurnoise.camera.radiometry import clear_shares, filter_electrons
 from blurnoise.camera.spectra import Curve, check_illuminant
+from blurnoise.picture import enhancement
 from blurnoise.picture.fusion import fuse
 
 GAIN_MAX = 16.0
@@ -30,6 +34,11 @@ GAIN_MAX = 16.0
 MARGIN = 2
 """Pixels of border that :func:`by_opencv` wants around a picture and takes off."""
 _LEAST_WHITE_E = 1e-9  # of a picture without light, which stays black
+_SUBSAMPLING = {
+    "4:4:4": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    "4:2:2": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422,
+    "4:2:0": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
+}
 OFFSET, SCALE = 8192.0, 32768.0
 """Where integers of 16 bits hold linear light: 0 and the steps to 1, so that noise below black stays."""
 
@@ -67,7 +76,9 @@ class PictureStep:
     """One entry of :data:`STEPS`.
 
     apply: the picture after the step; differentiable, on any device. active: whether the step changes this camera's
-    frames. pointwise: each value depends on its own digital number alone, so tables serve.
+    frames. pointwise: each value depends on its own digital number alone, so tables serve. coded: it works on numbers
+    of 8 bits, uint8 or floats over 255. amplifies: bound in DN for DN: the factor by which it enlarges a small
+    difference at most, and by which less may be left out of frames.
 
     >>> half = PictureStep("half", lambda picture, at: picture / 2)
     >>> half.apply(torch.ones(1), Development(Camera.preset("imx250"))), half.active(Camera.preset("imx250"))
@@ -78,6 +89,8 @@ class PictureStep:
     apply: Callable[[Tensor, Development], Tensor]
     active: Callable[[Camera], bool] = lambda camera: True
     pointwise: bool = True
+    coded: bool = False
+    amplifies: Callable[[Camera], float] = lambda camera: 1.0
 
 
 def _fuses(camera: Camera) -> bool:
@@ -125,26 +138,53 @@ def _toned(picture: Tensor, at: Development) -> Tensor:
     return colour.toned(picture, at.camera.isp.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
 
 
+def _enhancing(
+    name: str,
+    figure: str,
+    work: Callable[[enhancement.Image, Any], enhancement.Image],
+    amplifies: Callable[[Any], float],
+) -> PictureStep:
+    """The step that a figure of the ISP switches on: a record, or a table of them by gain; ``work`` takes the row."""
+
+    def rows(camera: Camera) -> tuple[Any, ...]:
+        stated = getattr(camera.isp, figure)
+        return stated if isinstance(stated, tuple) else (stated,) * (stated is not None)
+
+    def apply(picture: Tensor, at: Development) -> Tensor:
+        if at.encoding != "srgb" or picture.ndim < 3:
+            return picture
+        if differentiable(picture):
+            must = "must be off in a camera whose pictures carry gradients"
+            raise ValueError(f"{figure}: has no derivative; {must}")
+        row = row_at(rows(at.camera), at.gain_db)
+        return enhancement.by_image(picture, lambda image: work(image, row))
+
+    def most(camera: Camera) -> float:
+        return max(map(amplifies, rows(camera)), default=1.0)
+
+    return PictureStep(
+        name, apply, lambda camera: bool(rows(camera)), pointwise=False, coded=True, amplifies=most
+    )
+
+
 def _compressed(picture: Tensor, at: Development) -> Tensor:
     """A round trip through libjpeg of each picture; three planes are colours, others grey; gradients pass."""
-    if at.encoding != "srgb" or picture.ndim < 3 or at.camera.isp.jpeg_quality is None:
+    isp = at.camera.isp
+    if at.encoding != "srgb" or picture.ndim < 3 or isp.jpeg_quality is None:
         return picture
+    options = [cv2.IMWRITE_JPEG_QUALITY, isp.jpeg_quality]
+    options += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, _SUBSAMPLING[isp.jpeg_subsampling]]
+    compressed = enhancement.by_image(picture, lambda image: _round_trip(image, options))
     # A codec has no derivative: gradients pass as if it kept the picture.
-    quality = at.camera.isp.jpeg_quality
-    codes = (picture.detach() * 255).round().clamp(0, 255).to(torch.uint8).cpu().numpy()
-    each = codes.reshape(-1, *codes.shape[-3 if codes.shape[-3] == 3 else -2 :])
-    decoded = np.stack([_round_trip(image, quality) for image in each]).reshape(codes.shape)
-    # Back from 8 bits: a JPEG file holds no more.
-    compressed = torch.from_numpy(decoded).to(picture) / 255
     return picture + (compressed - picture).detach() if picture.requires_grad else compressed
 
 
-def _round_trip(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    """Encode and decode (3, H, W) or (H, W), 8 bits."""
-    given = np.ascontiguousarray(image.transpose(1, 2, 0)[..., ::-1]) if image.ndim == 3 else image
-    _, file = cv2.imencode(".jpg", given, [cv2.IMWRITE_JPEG_QUALITY, quality])
+def _round_trip(image: enhancement.Image, options: list[int]) -> enhancement.Image:
+    """Encode and decode an image."""
+    given = np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else image
+    _, file = cv2.imencode(".jpg", given, options)
     decoded: Any = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)
-    back: NDArray[np.uint8] = decoded[..., ::-1].transpose(2, 0, 1) if image.ndim == 3 else decoded
+    back: enhancement.Image = decoded[..., ::-1] if image.ndim == 3 else decoded
     return back
 
 
@@ -170,7 +210,16 @@ STEPS = (
     COLOUR_MATRIX,
     PictureStep("digital gain", _amplified),
     PictureStep("tone", _toned),
-    PictureStep("JPEG", _compressed, lambda camera: camera.isp.jpeg_quality is not None, pointwise=False),
+    _enhancing("noise reduction", "noise_reduction", enhancement.denoised, lambda row: enhancement.STEEPEST),
+    _enhancing("local tone", "local_tone", enhancement.locally_toned, lambda row: 1 + row.clip_limit),
+    _enhancing("sharpening", "sharpening", enhancement.sharpened, lambda row: 1 + row.strength),
+    PictureStep(
+        "JPEG",
+        _compressed,
+        lambda camera: camera.isp.jpeg_quality is not None,
+        pointwise=False,
+        coded=True,
+    ),
 )
 
 
@@ -236,11 +285,17 @@ def matrix(camera: Camera, illuminant: str | Curve = "D55") -> Matrix:
 
 @lru_cache(maxsize=64)
 def magnification(camera: Camera, illuminant: str | Curve = "D55") -> float:
-    """Largest factor, RMS, by which development to linear light magnifies the plane's noise; 1 without a mosaic.
+    """Largest factor, RMS, by which development magnifies the plane's noise, the digital gain apart.
 
     >>> magnification(Camera.preset("imx250")), magnification(Camera.preset("imx250c")) > 1.5
     (1.0, True)
     """
+    enhanced = math.prod(step.amplifies(camera) for step in STEPS)
+    return enhanced * _of_colours(camera, illuminant)
+
+
+def _of_colours(camera: Camera, illuminant: str | Curve) -> float:
+    """Largest factor of white balance and colour matrix; 1 without a mosaic."""
     if camera.sensor.cfa in colour.PLANES:
         return 1.0
     gains = dict(zip(camera.sensor.cfa, site_gains(camera, illuminant), strict=True))

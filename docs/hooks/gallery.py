@@ -101,6 +101,11 @@ GALLERY = {
               "base: imx250c\nccm: [[1.9, -0.6, -0.3], [-0.5, 1.9, -0.4], [-0.3, -0.7, 2.0]]"),
         Shown("digital gain", "36 dB: 24 before the converter, 12 behind it", "--lux 2 --gain 36"),
         Shown("tone", "a filmic curve in place of sRGB's", "--lux 200", "tone: filmic"),
+        Shown("noise reduction", "24 dB: noise of luma and chroma filtered by 25 and 40 DN", "--lux 12 --gain 24",
+              "base: imx250c\nnoise_reduction: [{luma_sigma_dn: 25, chroma_sigma_dn: 40}]"),
+        Shown("local tone", "CLAHE: shadows and highlights each get contrast of their own", "--lux 100",
+              "local_tone: {clip_limit: 3}"),
+        Shown("sharpening", "three times the detail finer than 1 px", "--lux 200", "sharpening: [{strength: 3}]"),
         Shown("JPEG", "quality 10", "--lux 200", "jpeg_quality: 10"),
     ),
     "Beyond the tables": (

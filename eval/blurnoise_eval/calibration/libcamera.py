@@ -4,6 +4,12 @@
 chart, balanced to green, with the black level, at a given light, time and gain. ``rpi.ccm``, ``rpi.awb``: by colour
 temperature, colour matrices, and red and blue over green of grey. ``rpi.alsc``: a 16 x 12 table of gains that correct
 the shading of the lens. ``rpi.contrast``: the tone curve.
+
+``rpi.sdn`` (libcamera 26bfadc6, sdn.cpp, noise.cpp, pisp.cpp): ``deviation`` times the noise of ``rpi.noise``, which
+grows by the root of the gain, is what its filter takes for noise; ``strength`` is the filtered share of the result,
+the rest is what "leaks". The filter's kernel is not published. ``rpi.sharpen``: threshold, strength and limit are
+factors of figures in the driver or the hardware, which have no unit. ``rpi.contrast`` stretches the histogram of the
+whole picture, so that it is no local tone curve. ``rpi.agc`` sets exposures, not pictures.
 """
 
 from __future__ import annotations
@@ -13,12 +19,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from blurnoise._core.files import read_document
-from blurnoise.camera import Camera
+from blurnoise.camera import Camera, colour
 from blurnoise.camera.colour import FilterCurves
+from blurnoise.camera.isp import NoiseReduction
 from blurnoise.camera.lens import RelativeIllumination
 from blurnoise.camera.radiometry import filter_electrons
+from blurnoise.picture import steps
 from blurnoise_eval.calibration.frames import Floats
 from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.light import scaled, tied
@@ -29,6 +38,9 @@ _LIT_BY = f"planck:{KELVIN:g}"
 _CHART = 0.22  # 24 patches of mean 0.27 in the black frame of a ColorChecker, which covers a fifth
 _HEIGHTS = tuple(np.linspace(0, 1, 9).tolist())  # of the field, for the relative illumination
 _TABLE = (12, 16)
+_DEVIATION, _STRENGTH = 3.2, 0.75  # of rpi.sdn where a file has none
+_STEP_DB = 6.0  # of the table of noise reduction; a line between two rows is 1.5 % off the root
+_YCBCR = ((0.299, 0.587, 0.114), (0.5, -0.4187, -0.0813), (-0.1687, -0.3313, 0.5))  # of JPEG: Y', Cr, Cb
 Algorithms = Mapping[str, Any]
 
 
@@ -53,6 +65,7 @@ def camera_of_libcamera(path: Path, *, base: str, bit_depth: int | None = None) 
         camera = on_base(path.stem, bits, base)
         camera = changed(camera, _levels(algorithms, camera, path.name))
         camera = changed(camera, _colours(algorithms, camera, path.name))
+        camera = changed(camera, _enhancement(algorithms, camera, path.name))
         return changed(camera, _light(algorithms, camera, path.name))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         text = f"has no {error}" if isinstance(error, KeyError) else str(error)
@@ -104,6 +117,55 @@ def _colours(of: Algorithms, camera: Camera, file: str) -> Known:
         "ccm": (matrix, f"derived: rpi.ccm of {file} of {near['ct']:g} K, the nearest to {KELVIN:g} K"),
         "quantum_efficiency": (curves, f"{camera.sources['quantum_efficiency']}; {balanced}"),
     }
+
+
+def _enhancement(of: Algorithms, camera: Camera, file: str) -> Known:
+    """Noise reduction by gain; of sharpening and local tone what the file has, which is not converted."""
+    known: Known = {}
+    if "rpi.sharpen" in of:
+        figures = ", ".join(f"{name} {value}" for name, value in of["rpi.sharpen"].items()) or "defaults"
+        text = f"not read: rpi.sharpen of {file} ({figures}) is in units of its hardware"
+        known["sharpening"] = ((), text)
+    if of.get("rpi.contrast", {}).get("ce_enable", 1):
+        text = (
+            f"none: rpi.contrast of {file} stretches the histogram of whole pictures, which is not simulated"
+        )
+        known["local_tone"] = (None, text)
+    if "rpi.sdn" not in of:
+        return known
+    deviation, strength = (
+        float(of["rpi.sdn"].get(*each)) for each in (("deviation", _DEVIATION), ("strength", _STRENGTH))
+    )
+    luma_dn, chroma_dn = (deviation * noise_dn for noise_dn in _noise_dn(of, camera))
+    rows = []
+    for gain_db in np.arange(0.0, camera.sensor.gain_max_db + _STEP_DB, _STEP_DB):
+        more = 10 ** (gain_db / 40)
+        luma, chroma = (round(min(255.0, sigma_dn * more), 2) for sigma_dn in (luma_dn, chroma_dn))
+        rows.append(NoiseReduction(float(gain_db), luma, chroma, strength))
+    text = (
+        f"derived: rpi.sdn of {file}, {deviation:g} times rpi.noise, on grey behind white balance, matrix and tone "
+        "curve, mean over its numbers, times the root of the gain; assumed: a bilateral filter, as libcamera's "
+        "is not published"
+    )
+    return known | {"noise_reduction": (tuple(rows), text)}
+
+
+def _noise_dn(of: Algorithms, camera: Camera) -> tuple[float, float]:
+    """Noise of luma and of chroma in the developed picture of grey at gain 1, DN of 8 bits, without demosaicing."""
+    most = 65535.0 - float(of["rpi.black_level"]["black_level"])
+    slope, constant = (float(of["rpi.noise"][f"reference_{name}"]) for name in ("slope", "constant"))
+    edges = torch.linspace(0.0, 1.0, 1025, dtype=torch.float64) ** 2  # fine where curves are steep
+    step = np.diff(colour.toned(edges, camera.isp.tone).numpy())
+    light = (edges[1:] + edges[:-1]).numpy() / 2
+    each = 255 * step / np.diff(edges.numpy()) * (constant + slope * np.sqrt(light * most)) / most
+    mean_dn = float(np.average(each, weights=step))
+    if not {*"RGB"} <= {*camera.sensor.cfa}:
+        return mean_dn, mean_dn
+    # A filter of gain g is at 1 / g of green's level, with the root of its noise, and is amplified by g.
+    gains = dict(zip(camera.sensor.cfa, steps.site_gains(camera, _LIT_BY), strict=True))
+    roots = np.sqrt([gains[letter] for letter in "RGB"])
+    luma, *chroma = np.linalg.norm(np.array(_YCBCR) @ colour.normalised(camera.isp.ccm) * roots, axis=1)
+    return mean_dn * float(luma), mean_dn * float(np.sqrt(np.mean(np.square(chroma))))
 
 
 def _light(of: Algorithms, camera: Camera, file: str) -> Known:

@@ -144,6 +144,9 @@ def cameras_fit(
         from blurnoise_eval.calibration.libcamera import camera_of_libcamera
 
         camera = camera_of_libcamera(libcamera, base=base, bit_depth=bit_depth)
+        for name in ("noise_reduction", "sharpening", "local_tone"):
+            if libcamera.name in camera.sources.get(name, ""):
+                notes.append(f"{name}: {camera.sources[name]}")
     elif folder is not None:
         from blurnoise_eval.calibration import figure, light
         from blurnoise_eval.calibration.fit import measure

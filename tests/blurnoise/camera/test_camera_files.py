@@ -9,6 +9,7 @@ import yaml
 import blurnoise
 from blurnoise import Camera, Curve
 from blurnoise.camera import PRESETS
+from blurnoise.camera.isp import LocalTone, NoiseReduction, Sharpening
 from blurnoise.camera.radiometry import electrons_per_lux_s
 
 IMX250 = PRESETS["imx250"]
@@ -66,6 +67,21 @@ def test_base_gives_the_rest(tmp_path):
     assert Camera.from_dict({"base": "imx250"}) == IMX250
 
 
+def test_files_have_the_enhancement_by_gain(tmp_path):
+    table = [
+        {"luma_sigma_dn": 2},
+        {"gain_db": 24, "luma_sigma_dn": 9, "chroma_sigma_dn": 18, "strength": 0.8},
+    ]
+    stated = {"base": "imx250", "noise_reduction": table, "sharpening": [{"strength": 1, "limit_dn": 9}]}
+    camera = Camera.load(written(tmp_path / "mine.yaml", stated | {"local_tone": {"clip_limit": 2}}))
+    assert camera.isp.noise_reduction == (NoiseReduction(0.0, 2.0), NoiseReduction(24.0, 9.0, 18.0, 0.8))
+    assert camera.isp.sharpening == (Sharpening(strength=1.0, limit_dn=9.0),)
+    assert camera.isp.local_tone == LocalTone(2.0, 8)
+    assert camera.sources["noise_reduction"] == "from mine.yaml"
+    camera.save(tmp_path / "back.yaml")
+    assert Camera.load(tmp_path / "back.yaml") == camera
+
+
 @pytest.mark.parametrize(("column", "values"), [(None, (0.1, 0.6)), (2, (0.2, 0.5))])
 def test_quantum_efficiency_from_csv(tmp_path, column, values):
     (tmp_path / "curves").mkdir()
@@ -92,6 +108,15 @@ BAD_FIELDS = [
     ({"full_well_e": "9" * 10**5}, "full_well_e = '999"),
     ({"base": "imx25"}, "base = 'imx25': must be one of 'ar0132at'"),
     ({"captures": [{}, {"ratio": 16}]}, "captures: figure 'ratio' is unknown"),
+    ({"noise_reduction": [{"sigma_dn": 3}]}, "noise_reduction: figure 'sigma_dn' is unknown"),
+    (
+        {"noise_reduction": [{"luma_sigma_dn": 256}]},
+        "noise_reduction: luma_sigma_dn = 256.0: must be finite and >= 0 and",
+    ),
+    ({"sharpening": {"strength": 1}}, "sharpening = Sharpening("),
+    ({"sharpening": [{}, {}]}, "sharpening: gain_db are [0.0, 0.0]; must increase"),
+    ({"local_tone": {"tiles": 8}}, "local_tone: missing clip_limit"),
+    ({"jpeg_subsampling": "4:1:1"}, "jpeg_subsampling = '4:1:1': must be one of '4:4:4', '4:2:2', '4:2:0'"),
     ({"sources": {"gain": "x"}}, "sources: field 'gain' is unknown"),
     ({"sources": {"f_number": 3}}, "sources.f_number = 3: must be text"),
     ({"quantum_efficiency": 60}, "quantum_efficiency = 60.0: must be finite and >= 0 and <= 1"),

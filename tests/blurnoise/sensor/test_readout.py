@@ -114,6 +114,7 @@ def test_presets_are_whole_and_sourced():
         "demosaic",
         "tone",
         "jpeg_quality",
+        "jpeg_subsampling",
     }
     for name, camera in PRESETS.items():
         assert Camera.preset(name) is camera
