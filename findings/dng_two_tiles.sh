@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# cxx-image-io 1.1.7 meets rawpy 0.28.0: a lossless DNG that is exactly two tiles wide is read as another picture.
+# cxx-image-io 1.1.7 meets rawpy 0.28.0: of its lossless DNGs, those exactly two tiles wide are read as another picture.
 # Expected: rawpy's raw_image is the mosaic that was written, whatever the picture's size.
 # Seen: 320 x 240 (tiles of 160 x 240) and 512 x 512 (256 x 256): over 99 % of the pixels are wrong, no error; 256 x 256
 # (one tile), 400 x 300 (two, the second partly used) and 1024 x 768 (four) are right. tifffile 2026.3.3 reads all of them.

@@ -93,14 +93,15 @@ class FrameNumbers(NamedTuple):
 
 def scale_of(frames: Sequence[FrameNumbers]) -> Scale:
     """The scale of all frames of one gain. Raises ``ValueError`` if their scales differ, or the bytes of
-    their numbers are exchanged.
+    their numbers are exchanged (or 8 bits were widened, as by FFmpeg for colours: 255 is 65283).
 
     >>> scale_of([FrameNumbers("a.png", np.arange(0, 65520, 16).astype(np.uint16))])
     Scale(step=16, bits=0, of_bits=16)
     """
     every = np.unique(np.concatenate([frame.values for frame in frames]))
     swapped = len(every) > _MANY and 0 < (every & 255).max() < _LOW and every.max() > 255
-    refuse(swapped, f"{frames[0].name}: numbers have their two bytes exchanged; must be little-endian")
+    seen = "numbers have their two bytes exchanged, or are 8 bits widened to about 256 times their value"
+    refuse(swapped, f"{frames[0].name}: {seen}; must be little-endian, 8 bits as they were")
     whole = _of(every)
     # Bright numbers of a table are further apart than dark ones, never nearer.
     finest = max(whole.apart, min(int(np.diff(frame.values).min(initial=65535)) for frame in frames))

@@ -88,6 +88,13 @@ def test_frames_of_two_scales_and_cut_ones_are_refused(tmp_path, taken, dark, fl
         measure(saved(tmp_path / "frames", taken, dark, flat))
 
 
+def test_eight_bits_that_ffmpeg_widened_are_not_called_exchanged_alone():
+    """rgb24 as rgb48: 255 is 65283."""
+    widened = np.rint(np.arange(256) * 65283 / 255).astype(np.uint16)
+    with pytest.raises(ValueError, match=r"a.png: .* or are 8 bits widened to about 256 times"):
+        counts.scale_of([counts.FrameNumbers("a.png", widened)])
+
+
 def companded(plane):
     """As by a LinearizationTable of two parts: numbers 5 and 17 apart."""
     return np.where(plane < 300, (plane + 2) // 5 * 5, (plane + 8) // 17 * 17 + 1)
