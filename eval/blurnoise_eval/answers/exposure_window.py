@@ -17,8 +17,13 @@ from numpy.typing import NDArray
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import ScoreCurve
 from blurnoise_eval.answers.limits import DARK, TestedLine, WindowLimits, of_best, of_window
-from blurnoise_eval.answers.monotone import is_uniform, nested, pooled
-from blurnoise_eval.answers.recommendation import best_exposure, without_saturated
+from blurnoise_eval.answers.monotone import is_faster, is_uniform, nested, pooled
+from blurnoise_eval.answers.recommendation import (
+    best_exposure,
+    best_exposures,
+    corrected,
+    without_saturated,
+)
 from blurnoise_eval.answers.rows import AnswerRow, chosen_window
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.plan.axes import SETTING
@@ -44,14 +49,20 @@ def answers(
         uniform = monotone and is_uniform(setting)
         lines = list((pooled(setting) if uniform else setting).along("exposure_s"))
         curves = [ScoreCurve.over("exposure_s", line) for line in lines]
+        biases = [_selection_bias(curve, criterion.level) for curve in curves]
+        velocities = [line.velocities_px_s[0] for line in lines]
         if uniform:
-            curves = nested(curves, [line.velocities_px_s[0] for line in lines])
+            curves = nested(curves, velocities)
         speeds = [float(line.speeds_px_s[0]) for line in lines]
         slowest = lines[int(np.argmin(speeds))]
         at_slowest = slowest.conditions["exposure_s"], slowest.mean
-        for speed, curve in zip(speeds, curves, strict=True):
+        for curve, bias, speed, velocity in zip(curves, biases, speeds, velocities, strict=True):
             slower = _between(curve.x, *at_slowest) if speed > min(speeds) else None
-            rows.append(answer(curve, TestedLine(curve.line, slower, dark_below), criterion))
+            of = TestedLine(curve.line, slower, dark_below)
+            # What surely works at one speed does at all slower ones, so that the least bias of these counts.
+            beside = zip(biases, velocities, strict=True)
+            nested_biases = [each for each, other in beside if uniform and is_faster(other, velocity)]
+            rows.append(answer(curve, of, criterion, bias, criterion.level + min([bias, *nested_biases])))
     return rows
 
 
@@ -63,10 +74,13 @@ def _between(exposures_s: Sequence[float], tested_s: Array, mean: Array) -> Arra
     return np.asarray(np.interp(np.log(exposures_s), np.log(tested_s), mean, left=np.nan, right=np.nan))
 
 
-def answer(curve: ScoreCurve, line: TestedLine, criterion: Criterion) -> AnswerRow:
+def answer(
+    curve: ScoreCurve, line: TestedLine, criterion: Criterion, bias: float, sure_from: float
+) -> AnswerRow:
     """The answer for one model and group of targets in one setting and at one velocity.
 
-    verdict: "works": at some tested exposure the low end of the interval is at or above the level; "no exposure
+    bias: by how much a score is too high at the exposure that is chosen for it. sure_from: the level and the bias.
+    verdict: "works": at some tested exposure the low end of the interval is at or above ``sure_from``; "no exposure
     works": at none in the range is the high end; else "cannot tell", as always below 8 pictures. Then
     ``pictures_needed`` is how many should be enough in half of such cases (None: more than 9999).
 
@@ -75,7 +89,7 @@ def answer(curve: ScoreCurve, line: TestedLine, criterion: Criterion) -> AnswerR
     first; where there is no window, what holds ``best_s`` back.
     """
     table, level = curve.line, criterion.level
-    mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)
+    mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(sure_from)
     saturated = tuple(table.saturated.tolist()) if np.isfinite(table.saturated).all() else None
     # Rounded: of values that are equal but for their last digits the shortest exposure is the best.
     chosen, best = recommended(curve.x, mean, level, saturated), int(np.argmax(table.mean.round(12)))
@@ -85,9 +99,8 @@ def answer(curve: ScoreCurve, line: TestedLine, criterion: Criterion) -> AnswerR
     verdict = WORKS if works else CANNOT_TELL if curve.possible(level) else NONE_WORKS
 
     def score_at(index: int) -> WithInterval:
-        return WithInterval(
-            mean[index], None if low is None else low[index], None if high is None else high[index]
-        )
+        of = mean[index], None if low is None else low[index], None if high is None else high[index]
+        return corrected(WithInterval(*of), bias)
 
     if windows:
         recommended_s = None if chosen is None else curve.x[chosen]
@@ -144,6 +157,17 @@ def recommended(
     if saturated is not None:
         counted = without_saturated(counted, saturated, level)
     return best_exposure(exposures_s, np.where(counted >= level, counted, -1.0))  # no dip of a plateau
+
+
+def _selection_bias(curve: ScoreCurve, level: float) -> float:
+    """By how much the best score of a curve is too high, as its exposure was chosen for it."""
+
+    def best(values: Array) -> NDArray[np.int64]:
+        return best_exposures(curve.x, without_saturated(values, curve.line.saturated, level))
+
+    mean = curve.line.mean
+    bias = uncertainty.selection_bias(mean, curve.line.influence[:, None], int(best(mean)), best)
+    return max(0.0, float(bias[0]))
 
 
 def natural(text: str) -> list[tuple[int, float, str]]:

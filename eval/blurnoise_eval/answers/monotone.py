@@ -59,22 +59,29 @@ def nested(curves: Sequence[ScoreCurve], velocities: Sequence[Velocity]) -> list
 
     They are compared at the exposures that they share, and between two of these where neither has another.
     """
-    speeds, directions = [math.hypot(*each) for each in velocities], [_direction(each) for each in velocities]
     nested_curves = []
-    for curve, speed, direction in zip(curves, speeds, directions, strict=True):
+    for curve, velocity in zip(curves, velocities, strict=True):
         low, high = [curve.ends.low], [curve.ends.high]
-        for other, its_speed, its_direction in zip(curves, speeds, directions, strict=True):
-            if speed and its_speed and direction != its_direction:
-                continue
-            if its_speed > speed:
+        for other, its_velocity in zip(curves, velocities, strict=True):
+            if is_faster(its_velocity, velocity):
                 low.append(_shared(other, other.ends.low, curve))
-            elif its_speed < speed:
+            elif is_faster(velocity, its_velocity):
                 high.append(_shared(other, other.ends.high, curve))
         # Only where the curve has an interval of its own: others narrow it, and never make one.
         known = np.isfinite(curve.ends.low)
         ends = np.fmax.reduce(low), np.fmin.reduce(high)
         nested_curves.append(replace(curve, given=Ends(*(np.where(known, end, np.nan) for end in ends))))
     return nested_curves
+
+
+def is_faster(one: Velocity, other: Velocity) -> bool:
+    """Whether one velocity is faster than another of its direction, or than rest.
+
+    >>> is_faster((200.0, 0.0), (100.0, 0.0)), is_faster((200.0, 0.0), (0.0, 100.0))
+    (True, False)
+    """
+    faster = math.hypot(*one) > math.hypot(*other)
+    return faster and (not any(other) or _direction(one) == _direction(other))
 
 
 def _shared(other: ScoreCurve, end: Array, curve: ScoreCurve) -> Array:

@@ -52,29 +52,42 @@ _ROUNDED = 0.02  # stops: exposures are rounded to three digits
 _GAIN, _EGO = SETTING.index(GAIN.name), SETTING.index(EGO.name)
 
 
+def best_exposures(exposures_s: ArrayLike, values: ArrayLike) -> Places:
+    """Places (...) of the exposures that keep most; of those within ``NEAR`` of the best, the middle in log exposure.
+
+    Only exposures next to the best one, without a worse one between, count as near. values: (..., E), none NaN.
+
+    >>> best_exposures([0.001, 0.002, 0.004, 0.008], [0.5, 0.9, 0.9, 0.9])  # the middle of the plateau
+    array(2)
+    """
+    value, at = np.asarray(values, float), np.asarray(exposures_s, float)
+    best = value.argmax(axis=-1, keepdims=True)
+    if not (np.isfinite(at).all() and (at > 0).all()):
+        return np.asarray(best[..., 0])
+    worse, place = value < value.max(axis=-1, keepdims=True) - NEAR, np.arange(len(at))
+    first = np.where(worse & (place < best), place + 1, 0).max(axis=-1, keepdims=True)
+    last = np.where(worse & (place > best), place - 1, len(at) - 1).min(axis=-1, keepdims=True)
+    # In log exposure, as exposures are tested: the middle is as many stops from either end of the plateau.
+    x = np.log(at)
+    away = np.abs(x - (x[first] + x[last]) / 2).round(9)
+    away = np.where((first <= place) & (place <= last), away, np.inf)
+    nearest = away == away.min(axis=-1, keepdims=True)
+    return np.asarray(np.where(nearest, value, -np.inf).argmax(axis=-1))
+
+
 def best_exposure(exposures_s: Sequence[float], values: ArrayLike) -> int | None:
-    """Index of the exposure that keeps most; of those within ``NEAR`` of the best, the middle one in log exposure.
+    """The place of :func:`best_exposures` among those that were tested; values: (E,), NaN where not tested.
 
-    Only exposures next to the best one, without a worse one between, count as near. values: (E,), NaN where not
-    tested. None where nothing was tested.
+    None where nothing was tested.
 
-    >>> best_exposure([0.001, 0.002, 0.004, 0.008], [0.5, 0.9, 0.9, 0.9])  # the middle of the plateau
+    >>> best_exposure([0.001, 0.002, 0.004], [0.5, np.nan, 0.9])
     2
     """
     value = np.asarray(values, float)
     tested = np.flatnonzero(np.isfinite(value))
     if not len(tested):
         return None
-    best = int(np.argmax(value[tested]))
-    worse = np.flatnonzero(value[tested] < value[tested[best]] - NEAR)
-    plateau = tested[worse[worse < best].max(initial=-1) + 1 : worse[worse > best].min(initial=len(tested))]
-    at = np.array([exposures_s[index] for index in plateau])
-    if len(plateau) == 1 or not (np.isfinite(at).all() and (at > 0).all()):
-        return int(tested[best])
-    # In log exposure, as exposures are tested: the middle is as many stops from either end of the plateau.
-    middle = (math.log(at[0]) + math.log(at[-1])) / 2
-    away = np.round(np.abs(np.log(at) - middle), 9)
-    return int(min(zip(away, -value[plateau], plateau.tolist(), strict=True))[2])
+    return int(tested[best_exposures(np.asarray(exposures_s)[tested], value[tested])])
 
 
 def without_saturated(values: ArrayLike, saturated: ArrayLike, level: float) -> Array:
@@ -95,17 +108,29 @@ def without_saturated(values: ArrayLike, saturated: ArrayLike, level: float) -> 
     return np.asarray(np.where((share > limit) & np.isfinite(value), 0.0, value))
 
 
+def corrected(score: WithInterval, bias: float) -> WithInterval:
+    """The score of an exposure that was chosen for it, less the bias of that; the high end of the interval stays.
+
+    >>> corrected(WithInterval(0.75, 0.5, 0.875), 0.125)
+    WithInterval(value=0.625, low=0.375, high=0.875)
+    """
+    value, low = (end if end is None else max(0.0, end - max(bias, 0.0)) for end in score[:2])
+    return WithInterval(value, low, score.high)
+
+
 @dataclass(frozen=True, eq=False)
 class Choice:
     """An exposure for some conditions.
 
-    conditions: their indices. gain_db: where it is one for all. score: the mean over them. verdict: "works", "fails",
-    "cannot tell". n_pictures: clusters. settled: whether the pictures decide for
-    it. regret: how much more the best exposure of each condition would keep. saturated_share: the largest,
-    None where unknown. n_works, n_fails: in how many the level is surely reached, surely missed.
+    conditions: their indices, (N,); bias: (N,) by how much its values there are too high, as it was chosen for them.
+    gain_db: where it is one for all. score: the mean over them, less the bias. verdict: "works", "fails", "cannot
+    tell". n_pictures: clusters. settled: whether the pictures decide for it. regret: how much more the best exposure
+    of each condition would keep. saturated_share: the largest, None where unknown. n_works, n_fails: in how many the
+    level is surely reached, surely missed.
     """
 
     conditions: Places
+    bias: Array
     gain_db: float | None
     exposure_s: float
     score: WithInterval
@@ -149,36 +174,48 @@ class Averages:
     def choose(self, conditions: Iterable[int] | None = None) -> Choice | None:
         """The exposure to use under these conditions (all by default); None where no exposure was tested in all.
 
-        Of several gains that were tested at a light, the one that keeps most is used. The interval takes errors of
-        prediction as if they were all alike.
+        Of several gains that were tested at a light, the one that keeps most is used. Score and low end of the
+        interval are corrected for having been chosen among exposures, by :func:`~.uncertainty.selection_bias`; the
+        high end stays, as the bias is itself uncertain. The interval takes errors of prediction as if they were all
+        alike.
         """
-        every, counted = self._line(range(len(self.settings)) if conditions is None else conditions)
-        e = best_exposure(self.exposures_s, counted)
-        if e is None:
+        every, mean, share = self._line(range(len(self.settings)) if conditions is None else conditions)
+        tested = np.flatnonzero(np.isfinite(mean))
+        if not len(tested):
             return None
-        chosen = every[:, e]
-        value, sigma, effective, share = (
+        members, exposures = every[:, tested], np.array(self.exposures_s)[tested]
+
+        def best(values: Array) -> Places:
+            return best_exposures(exposures, without_saturated(values, share[tested], self.level))
+
+        place = int(best(mean[tested]))
+        e, chosen = tested[place], members[:, place]
+        away = self.influence[:, members, tested]
+        bias = uncertainty.selection_bias(mean[tested], away, place, best)
+        value, sigma, effective, saturated = (
             each[chosen, e] for each in (self.value, self.sigma, self.effective, self.saturated)
         )
-        away, most = self.influence[:, chosen, e], self.most[chosen]
-        ends = zip(*uncertainty.of_level(value, away, most, sigma, effective), strict=True)
-        verdicts = [self._verdict(*each) for each in ends]
-        mean = np.where(np.isfinite(away).any(axis=1), np.nansum(away, axis=1) / len(chosen), np.nan)
-        together = uncertainty.of_level(value.mean(), mean, most.mean(), sigma.mean(), effective.min())
-        best = np.nanmax(without_saturated(self.value[chosen], self.saturated[chosen], self.level), axis=1)
+        own, most = away[..., place], self.most[chosen]
+        ends = uncertainty.of_level(value, own, most, sigma, effective)
+        verdicts = [self._verdict(low, high) for low, high in zip(ends.low - bias, ends.high, strict=True)]
+        whole = np.where(np.isfinite(own).any(axis=1), np.nansum(own, axis=1) / len(chosen), np.nan)
+        together = uncertainty.of_level(value.mean(), whole, most.mean(), sigma.mean(), effective.min())
+        score = corrected(
+            WithInterval(float(value.mean()), *map(finite, map(float, together))), float(bias.mean())
+        )
+        better = without_saturated(self.value[chosen], self.saturated[chosen], self.level)
         gains = {self.settings[index][_GAIN] for index in chosen}
-        sure = settled(self._rivals(every, counted, e))
-        low, high = map(float, together)
         return Choice(
             conditions=chosen,
+            bias=bias,
             gain_db=gains.pop() if len(gains) == 1 else None,
             exposure_s=self.exposures_s[e],
-            score=WithInterval(float(value.mean()), finite(low), finite(high)),
-            verdict=self._verdict(low, high),
-            n_pictures=int(np.isfinite(away).any(axis=1).sum()),
-            settled=sure,
-            regret=float(np.maximum(best - value, 0.0).mean()),
-            saturated_share=finite(float(np.fmax.reduce(share))),
+            score=score,
+            verdict=self._verdict(score.low, score.high),
+            n_pictures=int(np.isfinite(own).any(axis=1).sum()),
+            settled=settled(self._rivals(every, mean, share, int(e))),
+            regret=float(np.maximum(np.nanmax(better, axis=1) - value, 0.0).mean()),
+            saturated_share=finite(float(np.fmax.reduce(saturated))),
             n_works=verdicts.count(SURE),
             n_fails=verdicts.count(FAILS),
         )
@@ -190,7 +227,8 @@ class Averages:
         them; else the middle of the wider gap between the best and a neighbour that keeps less, where that is wider
         than ``WIDE`` or, beside one that saturates, which comes first, than a third of a stop.
         """
-        _, counted = self._line(range(len(self.settings)))
+        _, mean, share = self._line(range(len(self.settings)))
+        counted = without_saturated(mean, share, self.level)
         tested = np.flatnonzero(np.isfinite(counted))
         x, y = np.log2(np.array(self.exposures_s)[tested]), counted[tested]
         if len(x) < 2 or not np.isfinite(x).all():
@@ -219,11 +257,10 @@ class Averages:
             return None
         return float(f"{exposure_s:.3g}")
 
-    def _line(self, places: Iterable[int]) -> tuple[Places, Array]:
+    def _line(self, places: Iterable[int]) -> tuple[Places, Array, Array]:
         """For each light and exposure choose the gain with the highest mean (ties: the smallest).
 
-        Return the indices of the conditions, (N, E), and the mean over them, (E,), 0 where the exposure is not used
-        because it saturates.
+        Return the indices of the conditions, (N, E), and the means over them of value and saturated share, (E,).
         """
         gains: dict[Setting, dict[float, list[int]]] = {}
         for index in places:
@@ -241,18 +278,18 @@ class Averages:
             np.take_along_axis(each, members, axis=0) for each in (self.value, self.saturated)
         )
         share = ratio_of_sums(np.nan_to_num(saturated), np.isfinite(saturated))
-        return members, without_saturated(value.mean(axis=0), share, self.level)
+        return members, value.mean(axis=0), share
 
-    def _rivals(self, members: Places, counted: Array, chosen: int) -> Rivals:
+    def _rivals(self, members: Places, mean: Array, share: Array, chosen: int) -> Rivals:
         """The other exposures that may be used under the conditions ``members``, (N, E), and what they gain over the
-        chosen one.
+        chosen one. mean, share: as :meth:`_line` has them.
 
         The differences are paired by cluster: pictures that are hard at one exposure are hard at the others.
         """
-        value, sigma, effective = (
-            np.take_along_axis(each, members, axis=0) for each in (self.value, self.sigma, self.effective)
+        sigma, effective = (
+            np.take_along_axis(each, members, axis=0) for each in (self.sigma, self.effective)
         )
-        mean = value.mean(axis=0)
+        counted = without_saturated(mean, share, self.level)
         usable = np.flatnonzero(counted == mean)  # not NaN, and not left out because it saturates
         usable = usable[usable != chosen]
         away = np.take_along_axis(self.influence, members[None], axis=1)
@@ -268,7 +305,9 @@ class Averages:
             effective=float(effective[:, chosen].min()),
         )
 
-    def _verdict(self, low: float, high: float) -> str:
+    def _verdict(self, low: float | None, high: float | None) -> str:
+        if low is None or high is None:
+            return CANNOT_TELL
         return SURE if low >= self.level else FAILS if high < self.level else CANNOT_TELL
 
 
@@ -319,7 +358,10 @@ def recommendations(of: Averages) -> list[RecommendationRow]:
     lights = [_without(setting, _GAIN, _EGO) for setting in of.settings]
     speeds = of.speeds
     whole = of.choose()
-    common = None if whole is None else of.exposures_s.index(whole.exposure_s)
+    common = np.full(len(of.settings), np.nan)
+    if whole is not None:
+        common = of.value[:, of.exposures_s.index(whole.exposure_s)].copy()
+        common[whole.conditions] -= whole.bias
 
     def rows(
         scope: str, light: Setting | None, speed: float | None, conditions: Iterable[int]
@@ -347,9 +389,7 @@ def recommendations(of: Averages) -> list[RecommendationRow]:
             n_works=choice.n_works,
             n_fails=choice.n_fails,
             n_conditions=len(choice.conditions),
-            score_at_overall_exposure=None
-            if common is None
-            else finite(float(of.value[choice.conditions, common].mean())),
+            score_at_overall_exposure=finite(float(common[choice.conditions].mean())),
         )
         return [row]
 

@@ -54,13 +54,13 @@ class AnswerRow(Row):
     recommended_s: Annotated[
         float | None, "the exposure to use; None where the mean reaches the criterion nowhere"
     ]
-    score_at_recommended: Annotated[WithInterval, "its score"]
+    score_at_recommended: Annotated[WithInterval, "its score, corrected for having been chosen"]
     saturated_share_at_recommended: Annotated[float | None, "its share of values at a limit of the sensor"]
     regret_95: Annotated[float | None, "what it loses at most against the best tested exposure, at 95 %"]
     saturated_share: Annotated[tuple[float, ...] | None, "share of saturated values at each tested exposure"]
     criterion: Annotated[str, "what is enough"]
     best_s: Annotated[float, "the tested exposure with the highest score"]
-    best_score: Annotated[WithInterval, "its score"]
+    best_score: Annotated[WithInterval, "its score, corrected for having been chosen"]
     window_from_limited_by: Annotated[str | None, "what ends the window at its short end"]
     window_to_limited_by: Annotated[str | None, "what ends it at its long end"]
     best_limited_by: Annotated[str | None, "what holds the best exposure back where no exposure works"]
@@ -132,7 +132,7 @@ class RecommendationRow(Row):
     conditions: AxisValues
     speed: Annotated[float | None, "px/s, or km/h of a vehicle"]
     exposure_s: Annotated[float, "the exposure to use there"]
-    score: Annotated[WithInterval, "its mean score"]
+    score: Annotated[WithInterval, "its mean score, corrected for having been chosen"]
     verdict: Annotated[str, "works, fails, or cannot tell"]
     n_pictures: Annotated[int, "clusters of pictures"]
     settled: Annotated[

@@ -285,15 +285,14 @@ class _OfModel:
 
     def _of_lights(self) -> float:
         """What one exposure for each light reaches, mean over the conditions."""
-        total = sum(each.n_conditions for each in self.lights)
-        return float(sum(each.score.known * each.n_conditions for each in self.lights) / total)
+        return _mean_score(self.lights)
 
     def _better(self, row: RecommendationRow) -> str:
         """What an exposure for each light would reach, or one for each light and speed."""
         each, best = self.lights_noun[:-1], self._of_lights()
         if len(self.lights) == 1 or best - row.score.known <= NEAR:
             each = "combination" if self.combinations.startswith("combinations") else "speed"
-            best = row.score.known + row.regret
+            best = _mean_score(self.conditions)
         better = best - row.score.known > NEAR and f"{best:.2f}" != f"{row.score.known:.2f}"
         return f" One exposure for each {each} would {self.verb} {best:.2f}." * better
 
@@ -305,9 +304,9 @@ class _OfModel:
             at = f" at {LIGHT.text(brightest)}" if len(self.lights) > 1 else ""
             text = f" It saturates {100 * row.saturated_share:.0f} % of the picture{at}."
         means = (row for row in self.data.averages if row.model == self.model)
-        tested = [pair for each in means for pair in zip(each.values, each.exposures_s, strict=True)]
-        value, exposure_s = max(tested, default=(0.0, 0.0))
-        if value - row.score.known > NEAR and exposure_s > row.exposure_s:
+        tested = {s: value for each in means for s, value in zip(each.exposures_s, each.values, strict=True)}
+        exposure_s, value = max(tested.items(), key=itemgetter(1, 0), default=(0.0, 0.0))
+        if value - tested.get(row.exposure_s, value) > NEAR and exposure_s > row.exposure_s:
             text += f" {EXPOSURE.text(exposure_s)} {keeps(self.data.criterion)} {value:.2f}, but saturates too much."
         return text
 
@@ -422,6 +421,12 @@ class _OfModel:
         return (
             " ".join(parts) or "Check this with pictures of other scenes. With these, every verdict is clear."
         )
+
+
+def _mean_score(rows: Sequence[RecommendationRow]) -> float:
+    """Over their conditions."""
+    total = sum(each.n_conditions for each in rows)
+    return float(sum(each.score.known * each.n_conditions for each in rows) / total)
 
 
 def table_rows(shown: Opening, most: int, speeds: int) -> tuple[list[str], list[list[str]], int]:
