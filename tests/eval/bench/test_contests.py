@@ -8,7 +8,7 @@ from functools import partial
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.bench import contest, glare, motion
+from blurnoise_eval.bench import contest, denoise, glare, motion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_models.detector import STOP_SIGN
 from commands import main
@@ -111,6 +111,20 @@ def test_our_halos_are_exact_and_others_are_not():
     assert case.error(pyramid.call()) > 10
 
 
+def test_noise_reduction_is_exact_and_others_are_not():
+    """To what rounding to 8 bits alone is off, 1 / sqrt(12) DN; a bright pixel keeps the share of its own weight."""
+    spot = np.full((9, 9), 100.0)
+    spot[4, 4] = 130.0
+    near = 4 * sum(math.exp(-distance2 / 4.5) for distance2 in (1, 2, 4)) * math.exp(-(30**2) / 800)
+    assert denoise.truth(spot, 20.0)[4, 4] == pytest.approx(100 + 30 / (1 + near))
+    case = denoise.noisy(80)
+    assert case.error is not None
+    errors = {each.name: case.error(each.call()) for each in case.contenders}
+    assert errors["blurnoise"] < 0.30
+    assert errors["cv2.bilateralFilter, 8 bits"] > 0.5
+    assert errors["Kornia, bilateral_blur"] > 0.5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "options", "shown"),
@@ -118,6 +132,7 @@ def test_our_halos_are_exact_and_others_are_not():
         ("blur", [], "Kornia, nearest odd length"),
         ("motion", [], "cv2.filter2D by the path"),
         ("glare", [], "pyramid of averages"),
+        ("denoise", [], "Kornia, bilateral_blur"),
         ("augment", [], "RandomExposure, p = 0.5"),
         ("sweep", ["--model", str(STOP_SIGN)], "bare onnxruntime"),
     ],
