@@ -16,7 +16,8 @@ from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats
 from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.labels import PILED
 from blurnoise_eval.calibration.levels import Level, columns, frame_scatter
-from blurnoise_eval.calibration.transfer import PLAIN_DN2, SURELY, Linearity
+from blurnoise_eval.calibration.rounding import PLAIN_DN2
+from blurnoise_eval.calibration.transfer import SURELY, Linearity
 
 MOST_FLICKER = 0.02  # range of the means of the frames of a level, relative to the signal
 LEAST_LAMP = 0.005  # the same, for a note
@@ -96,6 +97,9 @@ def _check_cut(level: Level) -> None:
     lowest, variance = int(np.flatnonzero(level.counts)[0]), level.variance_dn2
     black = "raise the black level of the camera"
     at_zero = level.share(0) > PILED and level.mean_dn + 0.5 < 3 * math.sqrt(variance)
+    if at_zero and variance < PLAIN_DN2 and level.highest_dn:  # rounding may leave little else than 0 and 1
+        ends, steps = normal_cut(level.counts[: level.highest_dn + 1].astype(float))
+        at_zero = bool(ndtr(ends[0] - steps[0]) > PILED) if len(steps) else False
     refuse(not lowest and (level.highest_dn == 0 or at_zero), f"{_clipped(level, 0)}; {black}")
     cut = cut_at(level)
     if cut is not None and variance > PLAIN_DN2 and level.share(cut) > MOST_CUT:
@@ -209,8 +213,10 @@ def check_linearity(flat: Sequence[Level], line: Linearity, others: Linearity | 
     refuse(abs(worst) > MOST_LINEARITY_ERROR, f"{flat[line.worst]}: is not linear: {why}; {advice}")
 
 
-def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tuple[float | None, list[int]]:
-    """The number at which flat frames clip, None if they do not, and the indices of the levels to fit.
+def clipping(
+    flat: Sequence[Level], dark_dn: float, full_scale_dn: float, dim: Sequence[int] = ()
+) -> tuple[float | None, list[int]]:
+    """The number at which flat frames clip, None if they do not, and indices of the levels to fit, without ``dim``.
 
     A level clips if many pixels have the largest number of all frames and far fewer the next, or if that is the full
     scale of the converter; also if the variance falls below half of the largest at a lower mean, as it does above the
@@ -228,12 +234,15 @@ def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tup
         clip = max(level.mean_dn for level in fallen)
     limit = full_scale_dn if clip is None else clip
     at_limit = [level.counts[math.ceil(limit) :].sum() / level.counts.sum() for level in flat]
-    usable = [index for index, level in enumerate(flat) if level not in fallen and at_limit[index] < CLIPPED]
-    if clip is not None:
-        # As EMVA 1288 does it; where that leaves too few levels, all that do not clip are used.
-        linear = [index for index in usable if flat[index].mean_dn - dark_dn <= USED * (clip - dark_dn)]
-        usable = linear if len(linear) >= FEWEST_FLAT else usable
-    lost = f"{len(flat) - len(usable)} of {len(flat)} flat levels reach {limit:g} DN"
+    clipped = [level in fallen or share >= CLIPPED for level, share in zip(flat, at_limit, strict=True)]
+    usable = [index for index in range(len(flat)) if not clipped[index] and index not in dim]
+    # As EMVA 1288 does it; where that leaves too few levels, all that do not clip are used. Its saturation is the
+    # peak of the variance; a peak that only levels that clip follow is the clipping itself.
+    saturation_dn = peak.mean_dn if any(flat[index] in brighter for index in usable) else limit
+    most_dn = dark_dn + USED * (saturation_dn - dark_dn)
+    linear = [index for index in usable if flat[index].mean_dn <= most_dn]
+    usable = linear if len(linear) >= FEWEST_FLAT else usable
+    lost = f"{sum(clipped)} of {len(flat)} flat levels reach {limit:g} DN"
     must = f"{FEWEST_FLAT} or more must stay below it; use shorter exposures or less light"
     refuse(len(usable) < FEWEST_FLAT, f"frames: are clipped: {lost}; {must}")
     return clip, usable

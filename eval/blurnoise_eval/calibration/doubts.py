@@ -12,9 +12,11 @@ from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration import checks, patterns
 from blurnoise_eval.calibration.counts import MOST_MISSING, missing_numbers
 from blurnoise_eval.calibration.frames import Floats, Folder
+from blurnoise_eval.calibration.labels import light_of
 from blurnoise_eval.calibration.levels import Level, columns, noise_of_mean
 from blurnoise_eval.calibration.patterns import DarkPattern
-from blurnoise_eval.calibration.transfer import PLAIN_DN2, SURELY, Transfer, drift, straight
+from blurnoise_eval.calibration.rounding import PLAIN_DN2, SHEPPARD_DN2
+from blurnoise_eval.calibration.transfer import SURELY, Transfer, drift, straight
 
 LEAST_DRIFT = 0.1  # relative change of the dark current over the dark frames
 LEAST_HOT = 1.1  # DSNU with hot pixels over DSNU without
@@ -149,13 +151,17 @@ def tone_curve(dark: Sequence[Level], flat: Sequence[Level], fit: Transfer) -> D
     """Noise does not grow as shot noise does, in proportion to the signal.
 
     For a linear camera the variance over the signal is K at any signal; after a power law of exponent gamma it is
-    proportional to the signal to the power 1 - 1 / gamma. dark: by rising exposure; flat: the fitted levels.
+    proportional to the signal to the power 1 - 1 / gamma, and the signal to the light to the power gamma.
+    dark: by rising exposure; flat: the fitted levels.
     """
     dark_s, dark_dn2 = columns(dark, "exposure_s", "variance_dn2")
     names = ("exposure_s", "mean_dn", "variance_dn2", "variance_error_dn2")
     exposure, mean, variance, error = columns(flat, *names)
     signal, shot = mean - fit.dark.at(exposure), variance - np.interp(exposure, dark_s, dark_dn2)
     used = (signal > 0) & (shot > SURELY * error)
+    if fit.rounding:  # the dark frames' variance depends on where between two numbers their mean lies
+        shot, error = variance - fit.at(fit.dark.at(exposure)), np.hypot(error, fit.error(0, 1))
+        used &= (shot > 0) & (variance - 1 / 12 > SHEPPARD_DN2)
     if used.sum() < 3 or np.ptp(np.log(signal[used])) < math.log(2):
         return None
     logs = np.log(signal[used])
@@ -163,6 +169,12 @@ def tone_curve(dark: Sequence[Level], flat: Sequence[Level], fit: Transfer) -> D
     power, span = line.slope, float(np.ptp(logs))
     if abs(power) < max(LEAST_CURVE, SURELY * line.slope_error):
         return None
+    light, _ = light_of([level.taken for level in flat])
+    lit = used & (light > 0)
+    if len(np.unique(light[lit])) > 1:
+        gamma = np.polyfit(np.log(light[lit]), np.log(signal[lit]), 1)[0]
+        if (1 - 1 / gamma) / power < 0.5:  # the means have no such curve; a sensor's own variance may bend
+            return None
     return Doubt(
         ("system_gain_dn_per_e", "read_noise_e", "dark_current_e_s", "dsnu_e"),
         f"not linear: variance / signal is proportional to the signal to the power {power:+.2f}, as after a tone "

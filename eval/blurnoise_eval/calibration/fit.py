@@ -19,6 +19,7 @@ from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats, Folder, Size
 from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.levels import Level, columns, level_of
 from blurnoise_eval.calibration.patterns import DarkPattern
+from blurnoise_eval.calibration.rounding import TWO_NUMBERS_DN
 from blurnoise_eval.calibration.temporal import FrameMeans
 from blurnoise_eval.calibration.transfer import Linearity, Transfer
 from blurnoise_eval.calibration.uncertain import Uncertain
@@ -119,8 +120,11 @@ def measure(
         figures = of_gain.estimates(dark[0].pixels, frames.pixel_share(of_gain))
         gains[frames.gain_db - lowest.gain_db] = {name: figures[name] for name in AT_GAIN}
 
-    brightest = sorted(curve.used, key=lambda index: flat[index].frames * flat[index].mean_dn)
-    chosen = brightest[-_MOST_FOR_PATTERN:]
+    # EMVA 1288 measures PRNU at half of saturation, and levels are used to 70 % of it.
+    signal = lowest.signal(fit)
+    away = np.abs(signal - 0.5 / checks.USED * signal[curve.used].max())
+    weight = columns(flat, "frames")[0] / (1 + away / signal.max())
+    chosen = sorted(curve.used, key=lambda index: weight[index])[-_MOST_FOR_PATTERN:]
     means = FrameMeans()
     light = sum((lowest.read_flat(index, means)[1] for index in chosen), np.zeros(())) / len(chosen)
     response = patterns.light_lines(means.halves, lowest.means.halves, patterns.hot_pixels(lowest.dark_mean))
@@ -128,7 +132,8 @@ def measure(
     estimates |= {name: variance.term() for name, variance in variances.items()}
     warming = doubts.warming(dark, fit)
     if not warming:
-        estimates["black_level_drift_dn"] = lowest.drift
+        value, low, high = (getattr(lowest.drift, end) / fit.response for end in ("value", "low", "high"))
+        estimates["black_level_drift_dn"] = Estimate(value, low, high)
     candidates = [
         warming or curve.tone,
         doubts.hot_pixels(curve.pattern, fit),
@@ -196,7 +201,7 @@ class _GainFrames:
 
     def pixel_share(self, fit: Transfer) -> Uncertain:
         """Share of the variance in the dark that belongs to pixels, not to whole rows or columns."""
-        lines_dn2, dark_dn2 = self.noise.lines, max(fit.read_dn2, 1e-9)
+        lines_dn2, dark_dn2 = fit.before_rounding(self.noise.lines), max(fit.read_dn2, 1e-9)
         return Uncertain(max(0.0, 1 - lines_dn2.value / dark_dn2), lines_dn2.error / dark_dn2)
 
     def signal(self, fit: Transfer) -> Floats:
@@ -222,21 +227,26 @@ def _fit(frames: _GainFrames, full_scale_dn: float) -> _TransferCurve:
     dark, flat = frames.dark, frames.flat
     dim = checks.too_dim(dark, flat)
     checks.check_levels(dark, [level for index, level in enumerate(flat) if index not in dim])
-    clip_dn, used = checks.clipping(flat, frames.line.offset, full_scale_dn)
-    used = [index for index in used if index not in dim]
     few = f"frames: {len(dim)} of {len(flat)} flat levels are too dim; {FEWEST_FLAT} brighter ones are needed"
-    refuse(len(used) < FEWEST_FLAT, few)
+    refuse(len(flat) - len(dim) < FEWEST_FLAT, few)
+    clip_dn, used = checks.clipping(flat, frames.line.offset, full_scale_dn, dim)
     checks.check_noise([flat[index] for index in used])
     pattern = patterns.dark_pattern(frames.means.halves)
     fit = transfer.fit(dark, [flat[index] for index in used], pattern)
     tone = doubts.tone_curve(dark, [flat[index] for index in used], fit)
     limit_dn = clip_dn or full_scale_dn
-    whole = [level for level in flat if level.mean_dn + _FREE * math.sqrt(fit.at(level.mean_dn)) < limit_dn]
+    whole = [level for level in flat if level.mean_dn + _FREE * _noise_dn(level, fit) < limit_dn]
     curve = bend.bend_of(whole, fit, limit_dn - fit.dark.offset, tone=tone is not None)
-    if curve:  # it explains what looked like a tone curve
-        tone, used = None, [index for index in used if flat[index].mean_dn <= curve.straight_dn]
+    tone = None if curve else tone  # a bend explains what looked like a tone curve
+    if curve and curve.straight_dn:
+        used = [index for index in used if flat[index].mean_dn <= curve.straight_dn]
         fit = transfer.fit(dark, [flat[index] for index in used], pattern)
     return _TransferCurve(fit, pattern, clip_dn, used, curve, tone)
+
+
+def _noise_dn(level: Level, fit: Transfer) -> float:
+    """Noise of a level; where clipping has taken more than half of its variance, that of the line."""
+    return math.sqrt(max(level.variance_dn2, fit.at(level.mean_dn) / 2))
 
 
 def _estimates(frames: _GainFrames, curve: _TransferCurve) -> tuple[dict[str, Estimate], Linearity | None]:
@@ -247,11 +257,15 @@ def _estimates(frames: _GainFrames, curve: _TransferCurve) -> tuple[dict[str, Es
     signal = frames.signal(fit)
     linear = transfer.linearity(flat, signal, top_dn)
     offset = patterns.dark_lines(frames.means.halves)
-    estimates = fit.estimates(frames.dark[0].pixels, frames.pixel_share(fit), offset.lines)
-    estimates["row_noise_e"] = fit.rms_e(frames.noise.row)
-    estimates["column_noise_e"] = fit.rms_e(frames.noise.column)
-    estimates["dsnu_row_e"] = fit.rms_e(offset.row)
-    estimates["dsnu_column_e"] = fit.rms_e(offset.column)
+    lines_dn2 = fit.before_rounding(offset.lines)
+    estimates = fit.estimates(frames.dark[0].pixels, frames.pixel_share(fit), lines_dn2)
+    for name, variance in (
+        ("row_noise_e", frames.noise.row),
+        ("column_noise_e", frames.noise.column),
+        ("dsnu_row_e", offset.row),
+        ("dsnu_column_e", offset.column),
+    ):
+        estimates[name] = fit.rms_e(fit.before_rounding(variance))
     if curve.clip_dn is not None:
         estimates["full_well_e"] = fit.electrons(Uncertain(top_dn, fit.dark.offset_error))
     if linear:
@@ -275,7 +289,7 @@ def _stray_light(frames: _GainFrames, chosen: Sequence[int], light: Floats, fit:
 def _notes(fit: Transfer, files: Folder) -> list[str]:
     """Assumptions, and what else the user should know."""
     bounds = "; these, black level and dark current are bounds only"
-    bounds = bounds if fit.noise_dn < transfer.TWO_NUMBERS_DN else ""
+    bounds = bounds if fit.noise_dn < TWO_NUMBERS_DN else ""
     dark = f"the noise in the dark, {fit.noise_dn:.2g} DN, is smaller than the rounding"
     hidden = "the camera subtracts the dark signal; the dark current is measured from the variance"
     measured_dn = fit.dark.offset * files.scale.step

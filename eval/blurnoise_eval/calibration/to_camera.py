@@ -49,10 +49,15 @@ def camera_of(
         known[figure] = (estimate.value, "; doubtful: ".join([source, *doubted]))
     known.pop("linearity_error", None)
     if measurement.bend:
+        straight = measurement.bend.straight_dn is not None
         factors = [
-            f"{point.value:.3g} ({'-'.join(interval_texts(point))})" for point in measurement.bend.factors[1:]
+            f"{point.value:.3g} ({'-'.join(interval_texts(point))})"
+            for point in measurement.bend.factors[straight:]
         ]
-        text = f"measured: variance over the line's, 95 %, {', '.join(factors)}; K is of the straight part"
+        of = (
+            "the straight part" if straight else "the levels up to 70 % of saturation, as no part is straight"
+        )
+        text = f"measured: variance over the line's, 95 %, {', '.join(factors)}; K is of {of}"
         points = zip(measurement.bend.shares, measurement.bend.factors, strict=True)
         known["photon_transfer"] = (tuple((share, point.value) for share, point in points), text)
     preset = PRESETS[one_of("base", base, sorted(PRESETS))]

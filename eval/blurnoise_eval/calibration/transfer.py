@@ -4,9 +4,9 @@ Model (EMVA 1288 release 4, linear): a level of mean m has the temporal variance
 or dark, where b is the mean in the dark at no exposure and V_r = (K read)^2; the dark mean is b + K d T. Shot noise
 of light and of dark charge lie on one line, so dark frames need not have the exposures of the flat ones.
 
-Rounding adds 1/12 DN^2 if the noise is about 0.7 DN or more. Below, the variance depends on where the mean lies
-between two digital numbers: at 0.25 DN of noise, rounding adds -0.017 to 0.188 DN^2. Pixels whose means differ (DSNU)
-average over this.
+Where the variances of flat levels scatter about the line beyond chance, all of them are assumed to scatter by the
+same DN^2, so that the fit approaches the unweighted one of EMVA 1288. Such levels are off together with their
+neighbours, so intervals are then those of leaving out one of six successive groups of levels at a time (jackknife).
 """
 
 from __future__ import annotations
@@ -18,31 +18,26 @@ from itertools import product
 from typing import TypeVar
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.special import ndtr
+from numpy.typing import NDArray
+from scipy.optimize import brentq, least_squares
 from scipy.stats import chi2
+from scipy.stats import t as student
 
 from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration.frames import Floats
 from blurnoise_eval.calibration.labels import Light, light_of
 from blurnoise_eval.calibration.levels import Level, columns
 from blurnoise_eval.calibration.patterns import DarkPattern
+from blurnoise_eval.calibration.rounding import PLAIN_DN2, TWO_NUMBERS_DN, rounded, spatial_variance
 from blurnoise_eval.calibration.uncertain import Uncertain, Z
 
 F = TypeVar("F", float, Floats)
 SURELY = 5.0  # standard deviations above which an effect counts as present
 SUSPICIOUS = 0.01  # probability of the scatter about a line below which the errors are widened to the scatter
-PLAIN_DN2 = 0.7**2
-"""Variance before rounding above which rounding adds 1/12: the next term is 2e^(-2 pi^2 0.49), 0.01 %."""
 NOTHING = Uncertain(0.0, 0.0)
-TWO_NUMBERS_DN = 0.2
-"""Noise before rounding below which dark pixels have two numbers at most (a third is 5 deviations away half of the
-time). Their shares give the ratio of the noise to black level, DSNU and dark current, but none of the four."""
-_LEAST_DN2 = 1e-8
-_WIDEST_DN = 4.0  # of a spread over pixels; beyond it all phases are equally frequent anyway
-_NODES = np.linspace(-4, 4, 161)
-_WEIGHTS = np.exp(-_NODES * _NODES / 2) / np.exp(-_NODES * _NODES / 2).sum()
-_REACH = np.arange(-6.0, 7.0)
+_ROUNDS = 5  # of weighing and fitting
+_GROUPS = 6  # of levels, for intervals
+_PHASE_DN = 0.02  # of the mean, for the derivative of what rounding adds
 
 
 @dataclass(frozen=True)
@@ -71,7 +66,8 @@ class Transfer:
     """The fit, in DN and DN^2. covariance: of (gain, read_dn2, spread_dn2). rounding: whether it matters in the dark.
 
     dark: the dark mean over the exposure. widened: the variances scatter beyond chance, and the covariance is widened
-    to that. hidden_dn2_s: dark charge that variances show and means do not.
+    to that. hidden_dn2_s: dark charge that variances show and means do not. response: change of the dark mean over
+    that before rounding, by which rounding weakens small offsets of rows, columns and frames.
 
     >>> line = FittedLine(10.0, 0.0, 0.1, 0.1)
     >>> transfer = Transfer(0.5, 4.0, 0.0, np.zeros((3, 3)), line, widened=False, rounding=False)
@@ -87,6 +83,7 @@ class Transfer:
     widened: bool
     rounding: bool
     hidden_dn2_s: Uncertain = NOTHING
+    response: float = 1.0
 
     def error(self, gain: float, read_dn2: float = 0.0, spread_dn2: float = 0.0) -> float:
         """Standard deviation of a quantity with this gradient with respect to gain, read_dn2 and spread_dn2."""
@@ -101,6 +98,10 @@ class Transfer:
     def at(self, mean_dn: F) -> F:
         """Temporal variance on the line at this mean."""
         return self.read_dn2 + 1 / 12 + self.gain * (mean_dn - self.dark.offset)
+
+    def before_rounding(self, offset_dn2: Uncertain) -> Uncertain:
+        """The variance of small offsets in the dark, from that after rounding."""
+        return Uncertain(*(part / self.response**2 for part in offset_dn2))
 
     def electrons(self, signal_dn: Uncertain) -> Estimate:
         """A signal in electrons."""
@@ -153,7 +154,7 @@ class Transfer:
 
     def _dark_current(self) -> Estimate:
         """From the means, plus what only the variances show."""
-        shown = self.electrons(Uncertain(self.dark.slope, self.dark.slope_error))
+        shown = self.electrons(Uncertain(max(0.0, self.dark.slope), self.dark.slope_error))
         value, low, high = (max(0.0, end) for end in (shown.value, shown.low, shown.high))
         more, error = (part / self.gain**2 for part in self.hidden_dn2_s)
         if not more:
@@ -195,23 +196,55 @@ def _fit(dark: Sequence[Level], flat: Sequence[Level], pattern: DarkPattern) -> 
     low = np.array([1e-3, 0, 0, -np.inf, -np.inf])[:free]
     if data.rounding:
         values = data.best_start(values)
-    for _ in range(3):
+    for step in range(_ROUNDS):
+        if step:
+            data.weigh(values)
         rest = values[free:]
         solution = least_squares(
             lambda unknown: data.residuals(np.append(unknown * scale, rest)),  # noqa: B023  # called here
             np.maximum(values[:free] / scale, low), bounds=(low, np.inf), x_scale="jac",
         )  # fmt: skip
         values = np.append(solution.x * scale, rest)
-        data.weigh(data.model(values)[0], float(values[0]))
     residuals = data.residuals(values)
     # without rounding, the spread of the pattern is determined by itself and always fits
     factor = _widened(residuals, free) if data.rounding else _widened(residuals[: len(data.variance)], 2)
-    covariance = factor * np.linalg.pinv(solution.jac.T @ solution.jac) * np.outer(scale, scale)
+    covariance = factor * np.linalg.pinv(solution.jac.T @ solution.jac)
+    if data.scatter_dn2:
+        covariance += _grouped(solution.jac, residuals, data.groups())
+    covariance *= np.outer(scale, scale)
     if data.rounding:
         _, _, _, offset_error, slope_error = np.append(np.sqrt(np.diag(covariance)), math.nan)[:5]
         line = FittedLine(values[3], values[4] if sloped else math.nan, offset_error, slope_error)
     gain, read_dn2, spread_dn2 = values[:3].tolist()
-    return Transfer(gain, read_dn2, spread_dn2, covariance[:3, :3], line, factor > 1, data.rounding)
+    widened = factor > 1 or data.scatter_dn2 > 0
+    response = data.response(values) if data.rounding else 1.0
+    return Transfer(
+        gain, read_dn2, spread_dn2, covariance[:3, :3], line, widened, data.rounding, response=response
+    )
+
+
+def _grouped(jacobian: Floats, residuals: Floats, groups: Sequence[NDArray[np.intp]]) -> Floats:
+    """Covariance (k, k) of the jackknife that leaves out one group of the residuals (n,) at a time."""
+    inverse, changes = np.linalg.pinv(jacobian.T @ jacobian), []
+    for group in groups:
+        part = jacobian[group]
+        left = np.eye(len(group)) - part @ inverse @ part.T
+        changes.append(inverse @ part.T @ np.linalg.solve(left, residuals[group]))
+    count = len(groups)
+    off = np.array(changes) - np.mean(changes, 0)
+    few = (student.ppf(0.975, count - 1) / Z) ** 2  # so that 1.96 deviations are 95 %
+    return np.asarray(few * (count - 1) / count * off.T @ off)
+
+
+def _scatter(off: Floats, error: Floats) -> float:
+    """Standard deviation beyond the errors of n values that are off a line; 0 if that is chance."""
+    if chi2.sf(float(((off / error) ** 2).sum()), len(off) - 1) > SUSPICIOUS:
+        return 0.0
+
+    def excess(variance: float) -> float:
+        return float((off**2 / (error**2 + variance)).sum()) - (len(off) - 1)
+
+    return math.sqrt(brentq(excess, 0.0, float((off**2).sum())))
 
 
 class _Data:
@@ -224,24 +257,48 @@ class _Data:
         # Only there does rounding depend on where between two numbers the mean lies.
         self.rounding = float(self.variance[: self.dark].min()) - 1 / 12 < PLAIN_DN2
         self._counted = 1.5 / pixels  # variance of one pixel that is off by one
+        self._measured = np.hypot(noise, self._counted)
         self._relative = np.maximum(noise / np.maximum(self.variance, 1e-9), 1e-6)
-        self.error = np.hypot(noise, self._counted)
+        self.error, self.scatter_dn2 = self._measured, 0.0
         self._black_error = mean_error  # an error of the mean counts as charge
         # rounding acts on these pixels, whose means are a sample of the pattern
         self._mean_error = np.hypot(mean_error, np.sqrt(pattern.variance_dn2 / pixels) + self._counted)
 
-    def weigh(self, expected: Floats, gain: float) -> None:
+    def weigh(self, values: Floats) -> None:
         """Set errors relative to the expected variance, because levels that are low by chance would count more.
 
-        If rounding matters, the measured errors are the least.
+        If rounding matters, the measured errors are the least, and an error of the mean counts by what rounding makes
+        of it. Flat levels have the scatter beyond chance in addition.
         """
-        error = np.hypot(np.hypot(self._relative * expected, self._counted), gain * self._black_error)
-        self.error = np.where(expected < PLAIN_DN2, np.maximum(error, self.error), error)
+        expected = self.model(values)[0]
+        error = np.hypot(np.hypot(self._relative * expected, self._counted), values[0] * self._black_error)
+        if self.rounding:
+            low = expected < PLAIN_DN2
+            moved = self.model(values, _PHASE_DN)[0] - self.model(values, -_PHASE_DN)[0]
+            error = np.hypot(error, np.where(low, moved / (2 * _PHASE_DN) * self._black_error, 0.0))
+            error = np.where(low, np.maximum(error, self._measured), error)
+        self.scatter_dn2 = _scatter((self.variance - expected)[self.dark :], error[self.dark :])
+        error[self.dark :] = np.hypot(error[self.dark :], self.scatter_dn2)
+        if self.scatter_dn2:  # the shot noise of dark charge, a small signal, must not decide K instead
+            charge_dn = np.maximum(self.mean[: self.dark] - values[3], 0.0)
+            error[: self.dark] = np.hypot(error[: self.dark], values[0] * charge_dn)
+        self.error = error
 
-    def model(self, values: Floats) -> tuple[Floats, float, Floats]:
+    def response(self, values: Floats) -> float:
+        """Change of the dark mean over that before rounding; at least 5 %, below which offsets drown."""
+        ends = [float(self.model(values, moved)[2].mean()) for moved in (-_PHASE_DN, _PHASE_DN)]
+        return max(0.05, (ends[1] - ends[0]) / (2 * _PHASE_DN))
+
+    def groups(self) -> list[NDArray[np.intp]]:
+        """Indices of flat levels in groups of successive means."""
+        order = self.dark + np.argsort(self.mean[self.dark :])
+        return np.array_split(order, min(_GROUPS, len(order)))
+
+    def model(self, values: Floats, moved_dn: float = 0.0) -> tuple[Floats, float, Floats]:
         """Variance at each level, variance over pixels of the dark mean frame, mean at each dark level.
 
-        values: gain, read_dn2, spread_dn2, and offset and slope of the dark line, which rounding needs.
+        values: gain, read_dn2, spread_dn2, and offset and slope of the dark line, which rounding needs. moved_dn: of
+        all means.
         """
         gain, read_dn2, spread_dn2, offset, slope = values
         if not self.rounding:
@@ -249,8 +306,13 @@ class _Data:
             return variance, spread_dn2, self.mean[: self.dark]
         means = np.concatenate([offset + slope * self.exposure_s[: self.dark], self.mean[self.dark :]])
         before = np.maximum(read_dn2 + gain * (means - offset), 0.0)
-        mean, after, by_pixel = rounded(means, before, math.sqrt(max(spread_dn2, 0.0)))
-        return after, spatial_variance(by_pixel[: self.dark]), mean[: self.dark]
+        # of flat levels, only those of little noise depend on rounding
+        some = np.append(np.arange(self.dark), self.dark + np.flatnonzero(before[self.dark :] < PLAIN_DN2))
+        spread = math.sqrt(max(spread_dn2, 0.0))
+        mean, after, by_pixel = rounded(means[some] + moved_dn, before[some], spread)
+        variance = before + 1 / 12
+        variance[some] = after
+        return variance, spatial_variance(by_pixel[: self.dark]), mean[: self.dark]
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals of the variances, of the pattern and of the dark means, divided by their errors."""
@@ -320,33 +382,6 @@ def _widened(residuals: Floats, fitted: int) -> float:
     if freedom < 1 or chi2.sf(chi_square, freedom) > SUSPICIOUS:
         return 1.0
     return max(1.0, chi_square / freedom)
-
-
-def rounded(mean_dn: Floats, variance_dn2: Floats, spread_dn: float) -> tuple[Floats, Floats, Floats]:
-    """Moments of normal noise after rounding, for pixels whose means are normal about ``mean_dn`` (``spread_dn``).
-
-    Returns mean and variance (N,), averaged over the pixels, and the mean of pixels at the nodes of the normal
-    distribution (N, nodes).
-
-    >>> float(rounded(np.array([7.0]), np.array([1.0]), 0.0)[1][0] - 1.0)  # the 1/12 of uniform rounding
-    0.08333333333333326
-    """
-    means = mean_dn[:, None] + min(spread_dn, _WIDEST_DN) * _NODES
-    sigma = np.sqrt(np.clip(variance_dn2, _LEAST_DN2, PLAIN_DN2))[:, None, None]
-    off = np.round(means)[..., None] + _REACH - means[..., None]
-    share = ndtr((off + 0.5) / sigma) - ndtr((off - 0.5) / sigma)
-    shift = (share * off).sum(-1)
-    variance = (share * off * off).sum(-1) - shift**2
-    low = variance_dn2 < PLAIN_DN2
-    mean = np.where(low, mean_dn + shift @ _WEIGHTS, mean_dn)
-    after = np.where(low, variance @ _WEIGHTS, variance_dn2 + 1 / 12)
-    return mean, after, np.where(low[:, None], means + shift, means)
-
-
-def spatial_variance(pixel_dn: Floats) -> float:
-    """Variance over pixels of the mean over levels of ``pixel_dn`` (N, nodes)."""
-    mean = pixel_dn.mean(0)
-    return float(((mean - mean @ _WEIGHTS) ** 2) @ _WEIGHTS)
 
 
 @dataclass(frozen=True)
