@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -10,8 +11,10 @@ from typing import Any
 
 from blurnoise_eval.plan.axes import milliseconds
 from blurnoise_eval.plots.style import spread
-from blurnoise_eval.program.drivers import DRIVERS, Cap, document_lines
+from blurnoise_eval.program import registers
+from blurnoise_eval.program.drivers import DRIVERS, Cap, comment, document_lines
 from blurnoise_eval.program.limit import ExposureCap, SpeedEffect
+from blurnoise_eval.program.stepping import Reached, apart, beside_promised, daylight, reached
 from blurnoise_eval.program.words import lights_text, lux_text, score_text
 from blurnoise_eval.report.words import counted, keeps, reached_text
 from blurnoise_eval.system.files import write_whole
@@ -53,7 +56,28 @@ def lines(
     cap = cap_of(limit)
     for name in ("realsense", "depthai", "spinnaker", "pylon", "v4l2"):
         yield f"{DRIVERS[name].name}: {DRIVERS[name].line(cap)}"
-    yield f"picamera2, libcamera: exposure mode {json.dumps(cap.mode)}, see limit.txt"
+    yield "picamera2, libcamera: an exposure mode of the tuning file, see limit.txt"
+    yield f"  {json.dumps(cap.mode)}"
+    yield ""
+    yield from paragraph(warnings(limit), prose)
+
+
+def warnings(limit: ExposureCap) -> str:
+    """Where drivers do not reach what is promised, and whether daylight saturates."""
+    by_name = {DRIVERS[key].name: rows for key, rows in of_drivers(limit).items()}
+    shortest_s = limit.problem.limits.first_s
+    at = f"the shortest exposure, {milliseconds(shortest_s)} ms, with every driver"
+    return f"{beside_promised(by_name)} {daylight(limit.problem, shortest_s, at)}".rstrip()
+
+
+def of_drivers(limit: ExposureCap) -> dict[str, tuple[Reached, ...]]:
+    """What each driver reaches with its words, stepped through light by light, by its key."""
+    problem, cap = limit.problem, cap_of(limit)
+
+    def promised(total_s: float) -> float:
+        return problem.limits.settled(min(total_s, limit.limit_s))
+
+    return {key: reached(problem, driver.division(cap), promised) for key, driver in DRIVERS.items()}
 
 
 def sentence(limit: ExposureCap) -> str:
@@ -131,8 +155,9 @@ def _between(from_s: float, to_s: float) -> str:
 
 def cap_of(limit: ExposureCap) -> Cap:
     """The cap with the most gain that it needs."""
-    gain = 10 ** (max(limit.schedule.gains_db) / 20)
-    return Cap(limit.limit_s, limit.problem.limits.first_s, gain)
+    problem, gain = limit.problem, 10 ** (max(limit.schedule.gains_db) / 20)
+    sensor_gains = registers.gain_limits(problem.inputs.metering.camera)
+    return Cap(limit.limit_s, problem.limits.first_s, gain, problem.limits.mains_hz, sensor_gains)
 
 
 def document(
@@ -141,7 +166,12 @@ def document(
     """The contents of limit.json. run: the run's folder. notes: what was left out or assumed."""
     inputs, cap = limit.problem.inputs, cap_of(limit)
     drivers: Mapping[str, Any] = {
-        name: {"version": driver.version, "words": driver.text(cap)} for name, driver in DRIVERS.items()
+        key: {
+            "version": DRIVERS[key].version,
+            "words": DRIVERS[key].text(cap),
+            "reaches": [row._asdict() for row in rows],
+        }
+        for key, rows in of_drivers(limit).items()
     }
     return {
         "run": run,
@@ -162,8 +192,35 @@ def document(
         "program_value": program_value,
         "speeds": list(map(asdict, limit.speeds)),
         "lights": list(map(asdict, limit.lights)),
+        "too_bright_above_lux": inputs.metering.lux_at(limit.problem.limits.first_s),
         "drivers": drivers,
     }
+
+
+def text_lines(limit: ExposureCap) -> Iterator[str]:
+    """The lines of limit.txt: the words of each driver, and a table for whoever writes registers."""
+    cap = cap_of(limit)
+    yield f"# Cap of the exposure time: {cap.us} us"
+    yield from comment(warnings(limit))
+    far = {key: how for key, rows in of_drivers(limit).items() if (how := apart(rows))}
+    yield from document_lines(cap, far)
+    camera, row_time_s = limit.problem.inputs.metering.camera, limit.problem.limits.row_time_s
+    line_s = registers.line_time_s(camera, row_time_s)
+    if not line_s:
+        return
+    yield ""
+    about = f"registers of {camera.name}: lines of {1e6 * line_s:.4g} us, and codes of the gain with what they give"
+    yield from comment(f"{about}; other modes of the sensor have other lines")
+    cells = []
+    for row in limit.lights:
+        set_to = registers.setting(camera, row.exposure_s, 10 ** (row.gain_db / 20), row_time_s)
+        code, gives = (
+            ("-", "-") if set_to.code is None else (f"{set_to.code}", f"{20 * math.log10(set_to.gain):.1f}")
+        )
+        times = [milliseconds(row.exposure_s), f"{set_to.lines}", milliseconds(set_to.exposure_s)]
+        cells.append([lux_text(row.illuminance_lux), *times, f"{row.gain_db:.1f}", code, gives])
+    heads = ["light, lux", "ms", "lines", "give, ms", "gain, dB", "code", "gives, dB"]
+    yield from (f"# {line}" for line in table_lines(heads, cells, (True,) * 7))
 
 
 def write(
@@ -171,8 +228,7 @@ def write(
 ) -> list[Path]:
     """Write limit.json and limit.txt. Raises ``OSError``."""
     text = json.dumps(document(limit, program_value, run, notes), indent=1, allow_nan=False)
-    row_time_s = limit.problem.limits.row_time_s or limit.problem.inputs.metering.camera.sensor.row_time_s
-    texts = (text, "\n".join(document_lines(cap_of(limit), row_time_s)))
+    texts = (text, "\n".join(text_lines(limit)))
     for name, content in zip(FILES, texts, strict=True):
         write_whole(folder / name, f"{content}\n".encode())
     return [folder / name for name in FILES]

@@ -9,7 +9,6 @@ libcamera's format is that of the "rpi.agc" algorithm of a Raspberry Pi tuning f
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -19,20 +18,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from blurnoise.light.lights import each_light
 from blurnoise_eval.plan.axes import milliseconds
 from blurnoise_eval.plots.style import COLOURS, plain_numbers, spread, tidy
+from blurnoise_eval.program import registers
+from blurnoise_eval.program.drivers import DRIVERS
 from blurnoise_eval.program.optimise import Program, Stages
-from blurnoise_eval.program.problem import Schedule
-from blurnoise_eval.program.stepping import stepped
+from blurnoise_eval.program.stepping import Division, beside_promised, daylight, reached, stepped
 from blurnoise_eval.program.words import lights_text, lux_text, score_text
 from blurnoise_eval.report.words import counted, keeps, reached_text
 from blurnoise_eval.system.files import write_figure, write_whole
 from blurnoise_eval.system.tables import csv_lines
 from blurnoise_eval.system.terminal import PROSE, paragraph, plain, table_lines
 
-_DAYLIGHT_LUX = each_light("daylight")[0].lux
-_SAME_STOPS = 0.05  # a difference that no picture shows, and the rounding of files to whole us
 _LEAST_SHOWN = 0.0005  # in three decimals
 _SHOWN = 12  # lights of the table
 _EXTRAPOLATED = " (extrapolated: shorter than any tested)"
@@ -47,7 +44,7 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
     yield from paragraph(sentence(program), prose)
     yield ""
     schedule, problem, inputs = program.schedule, program.problem, program.problem.inputs
-    reached = keeps(inputs.criterion)
+    kept = keeps(inputs.criterion)
     cells = [
         [
             lux_text(row.illuminance_lux),
@@ -57,7 +54,7 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
         ]
         for row in spread(rows(program), _SHOWN)
     ]
-    yield from table_lines(["light, lux", "exposure, ms", "gain, dB", reached], cells, (True,) * 4, width)
+    yield from table_lines(["light, lux", "exposure, ms", "gain, dB", kept], cells, (True,) * 4, width)
     yield ""
     stages = [
         f"{milliseconds(time)} ms{_EXTRAPOLATED * program.extrapolates(time)}, x{gain:.3g}"
@@ -65,7 +62,10 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
     ]
     yield from paragraph(f"Stages (the time rises first, then the gain): {'; '.join(stages)}.", prose)
     yield from paragraph(brightest(program), prose)
-    if warning := daylight(program):
+    first_s = program.stages.times_s[0]
+    if warning := daylight(
+        problem, first_s, f"the first stage, {milliseconds(first_s)} ms, also in libcamera.json"
+    ):
         yield from paragraph(warning, prose)
     yield from paragraph(
         f"Speeds and targets: {problem.scenario.text}. Limits: {', '.join(problem.limits.words)}. The gain of "
@@ -73,31 +73,29 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
         prose,
     )
     yield ""
-    reaches = stepped(problem, libcamera_mode(program.stages))
     schedules = {
         "this program": schedule,
-        "libcamera with libcamera.json": reaches,
+        "libcamera with libcamera.json": stepped(problem, libcamera(program)),
         "with any number of stages": program.best,
         **program.baselines,
     }
     compared = [[name, score_text(of.value), score_text(of.worst_speed)] for name, of in schedules.items()]
-    yield from table_lines(["", reached, "worst speed"], compared, (False, True, True), width)
-    if apart := differs(program, reaches):
-        yield from paragraph(apart, prose)
+    yield from table_lines(["", kept, "worst speed"], compared, (False, True, True), width)
+    yield from paragraph(beside_libcamera(program), prose)
 
 
-def differs(program: Program, reaches: Schedule) -> str:
-    """Where libcamera, stepped through the file, takes another exposure than the program; empty where nowhere."""
-    promised = program.schedule.exposures_s
-    most, lux = max(
-        (abs(math.log2(reached_s / time_s)), light)
-        for time_s, reached_s, light in zip(
-            promised, reaches.exposures_s, program.problem.scenario.lights_lux, strict=True
-        )
-    )
-    if most < _SAME_STOPS:
-        return ""
-    return f"libcamera takes another exposure with libcamera.json: {most:.1f} stops apart at {lux_text(lux)} lux."
+def libcamera(program: Program) -> Division:
+    """How libcamera divides an exposure up with libcamera.json."""
+    least, most = registers.gain_limits(program.problem.inputs.metering.camera)
+    limits = least, most * DRIVERS["libcamera"].most_digital
+    return Division.read(libcamera_mode(program.stages), program.problem.limits.mains_hz, limits)
+
+
+def beside_libcamera(program: Program) -> str:
+    """How near libcamera comes to the program, stepped through light by light."""
+    settled, divided = program.problem.limits.settled, program.stages.divided
+    rows = reached(program.problem, libcamera(program), lambda total_s: settled(divided(total_s)[0]))
+    return beside_promised({"libcamera with libcamera.json": rows})
 
 
 def sentence(program: Program) -> str:
@@ -130,22 +128,9 @@ def brightest(program: Program) -> str:
     return f"{flickers}Above {lux(first_s)} pictures are too bright at the first stage, {milliseconds(first_s)} ms."
 
 
-def too_bright_abovelux_text(program: Program) -> float:
+def too_bright_above_lux(program: Program) -> float:
     """The light above which pictures are too bright at the first stage."""
     return program.problem.inputs.metering.lux_at(program.stages.times_s[0])
-
-
-def daylight(program: Program) -> str:
-    """A warning where daylight, or the brightest of the lights, saturates at the first stage; else empty."""
-    lux = max(_DAYLIGHT_LUX, program.problem.scenario.lights_lux[-1])
-    stops = math.log2(lux / too_bright_abovelux_text(program))
-    if stops < _SAME_STOPS:
-        return ""
-    return (
-        f"Daylight saturates: {lux_text(lux)} lux are {stops:.1f} stops too bright at the first stage, "
-        f"{milliseconds(program.stages.times_s[0])} ms, also in libcamera.json. A shorter least_exposure_us, a "
-        "smaller aperture or a grey filter mends it."
-    )
 
 
 def draw(program: Program, title: str, path: Path) -> Path:
@@ -193,14 +178,17 @@ class LightRow:
     """A row of program.csv, whose columns are these fields: the program at one light, and the best program of any
     number of stages there.
 
-    gain_limited: 1 where the camera's gain is at its limit. extrapolated: 1 where the exposure is shorter than any
-    tested. value, best_value: the objective, None where it was not tested.
+    gain_limited: 1 where the camera's gain is at its limit. lines, gain_code: of the sensor, None where not known.
+    extrapolated: 1 where the exposure is shorter than any tested. value, best_value: the objective, None where it was
+    not tested.
     """
 
     illuminance_lux: float
     exposure_s: float
     gain_db: float
     gain_limited: int
+    lines: int | None
+    gain_code: int | None
     extrapolated: int
     value: float | None
     best_exposure_s: float
@@ -210,9 +198,15 @@ class LightRow:
 
 def rows(program: Program) -> list[LightRow]:
     """A row for each light of the scenario."""
-    schedule, best = program.schedule, program.best
+    schedule, best, problem = program.schedule, program.best, program.problem
+    camera, row_time_s = problem.inputs.metering.camera, problem.limits.row_time_s
+    settings = [
+        registers.setting(camera, exposure_s, 10 ** (gain_db / 20), row_time_s)
+        for exposure_s, gain_db in zip(schedule.exposures_s, schedule.gains_db, strict=True)
+    ]
     columns = (
-        program.problem.scenario.lights_lux, schedule.exposures_s, schedule.gains_db, map(int, schedule.lacks_gain),
+        problem.scenario.lights_lux, schedule.exposures_s, schedule.gains_db, map(int, schedule.lacks_gain),
+        (each.lines for each in settings), (each.code for each in settings),
         (int(program.extrapolates(exposure_s)) for exposure_s in schedule.exposures_s), schedule.values,
         best.exposures_s, best.gains_db, best.values,
     )  # fmt: skip
@@ -240,8 +234,8 @@ def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]
         "pictures": len(problem.clusters),
         "stages": asdict(program.stages),
         "shortest_tested_s": program.tested_s,
-        "too_bright_above_lux": too_bright_abovelux_text(program),
-        "libcamera_value": stepped(problem, libcamera_mode(program.stages)).value,
+        "too_bright_above_lux": too_bright_above_lux(program),
+        "libcamera_value": stepped(problem, libcamera(program)).value,
         "nodes": list(map(asdict, rows(program))),
         "without_stages": program.best.value,
         "best_fixed_s": program.best_fixed_s,
@@ -255,7 +249,7 @@ def write(program: Program, folder: Path, run: str, notes: Sequence[str] = ()) -
     modes = {"exposure_modes": {"custom": libcamera_mode(program.stages)}}
     libcamera = {
         "extrapolated_below_us": 1e6 * program.tested_s,
-        "too_bright_above_lux": too_bright_abovelux_text(program),
+        "too_bright_above_lux": too_bright_above_lux(program),
         "rpi.agc": modes,
     }
     files = {

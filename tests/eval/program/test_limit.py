@@ -9,8 +9,10 @@ import pytest
 from blurnoise_eval.program import limit_report
 from blurnoise_eval.program.limit import best_limit, saturated_at, under_cap
 from blurnoise_eval.program.optimise import optimise
-from blurnoise_eval.program.scenario import ExposureLimits, half_stops
+from blurnoise_eval.program.scenario import ExposureLimits, Metering, half_stops
 from made_planes import made_problem
+
+from blurnoise.camera import PRESETS
 
 FAST = {0.0: 0.5, 800.0: 0.5}
 
@@ -97,7 +99,7 @@ def test_the_screen_has_the_cap_of_each_driver(limit):
     lines = [*limit_report.lines(limit, None, True)]
     cap = limit_report.cap_of(limit)
     for driver in ("librealsense", "DepthAI", "Spinnaker", "pylon", "V4L2"):
-        (line,) = (each for each in lines if each.startswith(driver))
+        (line,) = (each for each in lines if re.match(rf"{driver}( \(\w+\))?: ", each))
         assert re.search(rf"\b({cap.us}|{cap.hundred_us})\b", line), line
 
 
@@ -117,3 +119,26 @@ def test_files_have_the_cap_in_whole_us(limit, tmp_path):
     written = json.loads((tmp_path / "limit.json").read_text())
     assert written["limit_us"] == int(1e6 * limit.limit_s)
     assert f"# Cap of the exposure time: {written['limit_us']} us" in (tmp_path / "limit.txt").read_text()
+
+
+def with_camera(limit, name, **limits):
+    inputs = replace(limit.problem.inputs, metering=Metering(PRESETS[name], 0.2))
+    return replace(limit, problem=replace(limit.problem, inputs=inputs, limits=ExposureLimits(**limits)))
+
+
+def test_registers_have_a_line_for_each_light(limit):
+    text = [*limit_report.text_lines(with_camera(limit, "imx219"))]
+    heads = next(at for at, line in enumerate(text) if line.startswith("# light, lux"))
+    lights = text[heads + 2 :]
+    assert len(lights) == len(limit.lights)
+    row, gain = limit.lights[-1], 10 ** (limit.lights[-1].gain_db / 20)
+    _, _, _, lines, _, _, code, _ = lights[-1].split()
+    assert (int(lines), int(code)) == (int(row.exposure_s / 1.9144e-5), int(256 - 256 / gain + 1e-9))
+    assert not any(line.startswith("# light, lux") for line in limit_report.text_lines(limit))
+
+
+def test_no_file_is_written_without_what_drivers_reach_and_daylight(limit):
+    text = " ".join(limit_report.text_lines(with_camera(limit, "imx250", least_exposure_s=1e-3)))
+    text = text.replace("# ", "")
+    assert "Reached: " in text.partition("V4L2 (uvcvideo) Linux")[2].partition("v4l2-ctl")[0]
+    assert "stops too bright at the shortest exposure, 1 ms, with every driver." in text

@@ -8,9 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from blurnoise_eval.program import report
-from blurnoise_eval.program.optimise import EARLY_GAIN_DB, optimise
-from blurnoise_eval.program.scenario import ExposureLimits
+from blurnoise_eval.program.optimise import EARLY_GAIN_DB, Stages, optimise
+from blurnoise_eval.program.scenario import ExposureLimits, Metering
 from made_planes import METERING, made_problem
+
+from blurnoise.camera import PRESETS
 
 LIMITS = ExposureLimits()
 TARGET = 0.18
@@ -149,33 +151,42 @@ def test_what_is_too_bright_is_named():
 
 
 def test_what_libcamera_reaches_is_printed_beside_what_was_promised(program):
-    text = "\n".join(report.lines(program))
+    lines = [*report.lines(program)]
     promised, reached = (
-        line.split()[-2] for line in text.splitlines() if line.startswith(("this program", "libcamera with "))
+        line.split()[-2] for line in lines if line.startswith(("this program", "libcamera with "))
     )
     assert float(reached) == pytest.approx(float(promised), abs=0.001)
-    assert "libcamera takes another exposure" not in text
+    assert "daylight: libcamera with libcamera.json as promised within 0.0" in " ".join(lines)
 
 
-def test_a_file_that_libcamera_takes_otherwise_is_named(program):
-    longer = program.schedule._replace(exposures_s=tuple(2 * time for time in program.schedule.exposures_s))
-    said = report.differs(program, longer)
-    assert said.startswith("libcamera takes another exposure with libcamera.json: 1.0 stops apart at ")
+def with_imx219(program):
+    inputs = replace(program.problem.inputs, metering=Metering(PRESETS["imx219"], 0.2))
+    return replace(program, problem=replace(program.problem, inputs=inputs))
+
+
+def test_gain_that_libcamera_does_not_have_is_said(program):
+    """imx219 has 10.67 of its own, times 4 digitally."""
+    dark = replace(with_imx219(program), stages=Stages((20e-6, 1e-3), (1.0, 251.0)))
+    assert "stops too dark at 2 lux (gain 32.6 dB)" in report.beside_libcamera(dark)
+
+
+def test_rows_have_registers_where_they_are_known(program):
+    for row in report.rows(with_imx219(program)):
+        assert row.lines == max(1, int(row.exposure_s / 1.9144e-5 + 1e-9))
+        assert row.gain_code == min(232, int(256 - 256 / 10 ** (row.gain_db / 20) + 1e-6))
+    assert {(row.lines, row.gain_code) for row in report.rows(program)} == {(None, None)}
 
 
 def test_daylight_that_saturates_is_said_and_is_in_the_file(tmp_path):
-    """First stage 1 ms: 20 000 lux are log2(20 000 / light of 1 ms) stops too bright."""
+    """First stage 1 ms: pictures are too bright above the light of 1 ms."""
     limits = ExposureLimits(least_exposure_s=1e-3)
     program = optimise(made_problem(limits))
     report.write(program, tmp_path, "run")
     from_lux = METERING.total_s(1.0) / 1e-3
     written = json.loads((tmp_path / "libcamera.json").read_text())
     assert written["too_bright_above_lux"] == pytest.approx(from_lux)
-    said = report.daylight(program)
-    assert said.startswith(
-        f"Daylight saturates: 20000 lux are {math.log2(20e3 / from_lux):.1f} stops too bright"
-    )
-    assert report.daylight(optimise(made_problem())) == ""
+    said = " ".join(" ".join(report.lines(program)).split())
+    assert "stops too bright at the first stage, 1 ms, also in libcamera.json." in said
 
 
 def test_limits_that_leave_one_program_are_said(program):
