@@ -231,12 +231,12 @@ def known(what: str, name: object, names: Collection[str]) -> None:
 
     >>> known("field", "f_numbr", ["f_number", "hfov_deg"])
     Traceback (most recent call last):
-    ValueError: field 'f_numbr' is unknown; did you mean 'f_number'? Known are f_number, hfov_deg
+    ValueError: field 'f_numbr' is unknown (did you mean 'f_number'?); must be one of f_number, hfov_deg
     """
     if not isinstance(name, str) or name not in names:
         near = get_close_matches(name[:99], names, n=1) if isinstance(name, str) else []
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        raise ValueError(f"{what} {shown(name)} is unknown; {hint}Known are {', '.join(names)}")
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        raise ValueError(f"{what} {shown(name)} is unknown{hint}; must be one of {', '.join(sorted(names))}")
 
 
 def image_batch(name: str, value: Tensor, shape: str = "(B, C, H, W)") -> Tensor:

@@ -125,7 +125,9 @@ class State:
                         f"must be one of {', '.join((*_NAMES, 'light', *_NUMBERS, *QUANTITIES))}"
                     )
             except ValueError as error:
-                raise ValueError(f"{name} = {part[:60]!r}: {error}") from None
+                given = f"{name} = "  # which the message may have already
+                prefix = "" if str(error).startswith(given) else f"{given}{part[:60]!r}: "
+                raise ValueError(f"{prefix}{error}") from None
         return state
 
 

@@ -9,7 +9,7 @@ import base64
 import math
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import groupby
 from operator import attrgetter, itemgetter
@@ -20,9 +20,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.answers.recommendation import SATURATED
 from blurnoise_eval.datasets import Picture, eight_bit
 from blurnoise_eval.plan.axes import EXPOSURE, velocity_text
+from blurnoise_eval.report.first_screen import can_be_seen
 from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.page import FAILURES, PICTURE_PX, TEMPLATES, jpeg, write_page
 from blurnoise_eval.report.run import RunData
@@ -98,8 +98,8 @@ def write_failures(store: Store, data: RunData, folder: Path, run: PicturesOfRun
         for row, change in zip(model.targets, _changes(model.codes).tolist(), strict=True):
             changes[row.image] = max(changes.get(row.image, 0), change)
     names = sorted(changes, key=lambda name: -changes[name])
-    shares = {(row.model, row.conditions): row.saturated_share or 0.0 for row in data.exposed_scores}
-    views = (view for number, model in enumerate(models) for view in _views(number, model, tested, shares))
+    seen = {(row.model, row.conditions) for row in data.exposed_scores if can_be_seen(row)}
+    views = (view for number, model in enumerate(models) for view in _views(number, model, tested, seen))
     opening = max(views, key=attrgetter("teaches"), default=None)
     sizes, (pictures, unopened) = store.pictures(), _pictures(run, names)
     page = folder / FAILURES
@@ -213,7 +213,7 @@ def _packed(model: _Model, number_of: Mapping[str, int]) -> Row:
 
 
 def _views(
-    number: int, model: _Model, tested: _TestedConditions, saturated: Mapping[tuple[str, AxisValues], float]
+    number: int, model: _Model, tested: _TestedConditions, seen: Collection[tuple[str, AxisValues]]
 ) -> Iterator[_OpeningView]:
     """For each light and speed the exposure at which most targets are found, against each other one."""
     at: dict[Places, list[int]] = {}
@@ -232,12 +232,12 @@ def _views(
             lost = found[a] & known[b] & ~found[b]
             order = np.argsort(codes[b] - codes[a], kind="stable")
             at_a, at_b = tested.keys[a][0], tested.keys[b][0]
-            # A white picture says only that it is white. Motion blur by night is what an exposure is chosen against:
-            # so a longer one comes before a shorter one, the dark before the bright, and of these the nearest.
-            white = max(saturated.get((model.name, each), 0.0) for each in (at_a, at_b))
+            # A white or black picture says only that it is. Motion blur by night is what an exposure is chosen
+            # against: so a longer one comes before a shorter one, the dark before the bright, of these the nearest.
+            both = all((model.name, each) in seen for each in (at_a, at_b))
             count, step = int(lost.sum()), (tested.places[b] or (0,))[0] - (tested.places[a] or (0,))[0]
             dark = -at_a.illuminance_lux
-            teaches = count > 0, white <= SATURATED, step > 0, min(count, 2), dark, count, -abs(step)
+            teaches = count > 0, both, step > 0, min(count, 2), dark, count, -abs(step)
             yield _OpeningView(number, a, b, order[lost[order]].tolist(), teaches)
 
 

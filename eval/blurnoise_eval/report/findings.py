@@ -152,7 +152,8 @@ def versions(manifest: Mapping[str, Any]) -> dict[str, str]:
 def white_luminances(data: RunData) -> list[str]:
     """Of a matt surface that reflects all light, E / pi, beside every lux of the run, without headlamps."""
     every = sorted({row.conditions.illuminance_lux for row in data.exposed_scores})
-    return [f"{lux / math.pi:.3g} cd/m2 at {LIGHT.text(lux)}" for lux in every]
+    # Three digits without a power of ten.
+    return [f"{float(f'{lux / math.pi:.3g}'):.10g} cd/m2 at {LIGHT.text(lux)}" for lux in every]
 
 
 def model_facts(model: Mapping[str, Any]) -> dict[str, str]:

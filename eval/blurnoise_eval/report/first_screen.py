@@ -17,7 +17,7 @@ from blurnoise_eval.plan.axes import EXPOSURE
 from blurnoise_eval.plots.style import line_colours, spread
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.store.columns import AxisValues
-from blurnoise_eval.store.rows import Example
+from blurnoise_eval.store.rows import CellRow, Example, ScoreRow
 
 WIDTH, HEIGHT = 460, 250
 LEFT, RIGHT, TOP, BOTTOM = 34, 10, 10, 44
@@ -25,13 +25,17 @@ LEFT, RIGHT, TOP, BOTTOM = 34, 10, 10, 44
 MOST_LINES, MOST_TICKS = 6, 7
 MOST_EXAMPLES = 48
 """Examples among which the pair is chosen."""
+_BLACK = 0.1
+"""Mean brightness, coded by sRGB, of 1 % of the light of white: of less a screen in a bright room shows little."""
+_ALL_NOISE_DB = -6.0
+"""Signal to noise of a pixel from which on people see targets of 100: 5 / sqrt(100) (Rose, JOSA 38 (1948) 196)."""
 Place = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Line:
     """A line of the figure. name: of its setting; colour, by_night: on bright and dark paper; points: where it goes;
-    chosen: the exposure to use, None where there is none on the line."""
+    chosen: the exposure to use and its score, None where there is none on the line."""
 
     name: str
     colour: str
@@ -82,7 +86,7 @@ def main_figure(data: RunData, model: str | None) -> Figure | None:
         return round(TOP + (1 - value / most) * (HEIGHT - TOP - BOTTOM), 1)
 
     chosen = {
-        (round(row.speed or 0.0, 6),) if by_speed else data.settings.of(row.conditions): row.exposure_s
+        (round(row.speed or 0.0, 6),) if by_speed else data.settings.of(row.conditions): row
         for row in data.recommendations
         if row.model == model and row.scope == ("condition" if by_speed else "light")
     }
@@ -92,7 +96,8 @@ def main_figure(data: RunData, model: str | None) -> Figure | None:
     lines = []
     for (setting, found), (colour, by_night) in zip(means.items(), colours, strict=True):
         use = chosen.get(setting)
-        dot = (x_of(use), y_of(found[use])) if use in found and use is not None else None
+        # With the score of the table, which is below the line: corrected for having been chosen.
+        dot = (x_of(use.exposure_s), y_of(use.score.known)) if use and use.exposure_s in found else None
         points = tuple((x_of(at), y_of(value)) for at, value in sorted(found.items()))
         if by_speed:
             name = data.speed.text(setting[0])
@@ -132,13 +137,22 @@ def pair(data: RunData, model: str | None) -> list[Example]:
 
 
 def _teaches(data: RunData, one: Example, other: Example) -> tuple[float, ...]:
-    """Greater is better: what only the exposure changes, by night, and much of it."""
+    """Greater is better: what only the exposure changes, where a person sees it, by night, and much of it."""
     a, b = one.cell.conditions, other.cell.conditions
     lost = _found(one, data.found_from) - _found(other, data.found_from)
-    alike = one.cell.image == other.cell.image, data.settings.of(a) == data.settings.of(b)
-    moves = a.velocity_px_s == b.velocity_px_s
+    alike = one.cell.image == other.cell.image and data.settings.of(a) == data.settings.of(b)
+    moves, differs = a.velocity_px_s == b.velocity_px_s, a.exposure_s != b.exposure_s
+    seen = alike and differs and can_be_seen(one.cell) and can_be_seen(other.cell)
     longer = b.exposure_s > a.exposure_s
-    return lost > 0, all(alike), a.exposure_s != b.exposure_s, moves, -a.illuminance_lux, longer, lost
+    return seen, lost > 0, alike, differs, moves, -a.illuminance_lux, longer, lost
+
+
+def can_be_seen(row: CellRow | ScoreRow) -> bool:
+    """Whether a person sees what is in a picture, or in those of a condition on average, as far as is known: it is
+    neither white nor black, nor all noise."""
+    dark = row.brightness is not None and row.brightness < _BLACK
+    noisy = row.snr_db is not None and row.snr_db < _ALL_NOISE_DB
+    return not (dark or noisy) and (row.saturated_share or 0.0) <= SATURATED
 
 
 def _found(example: Example, threshold: float) -> int:

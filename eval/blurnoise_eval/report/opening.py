@@ -42,9 +42,10 @@ class Opening:
     """The first part of a report.
 
     model: whose table it is, the best of several; None without an answer. sentences: the answer. heads, rows: the
-    table of light x speed, of the exposures to use: '3 ms 0.88 works'; caption: what its entries are, legend: what
-    the verdicts mean. notes: (title, text) of what limits the model, and of what to do next. lights: a line for each
-    light of a run with headlamps, and what is to be known of it. further: the tables of the other models alone.
+    table of light x speed, of the exposures to use, in two lines: '3 ms', '0.88 works'; caption: what its entries
+    are, legend: what the verdicts mean. notes: (title, text) of what limits the model, and of what to do next.
+    lights: a line for each light of a run with headlamps, and what is to be known of it. further: the tables of the
+    other models alone.
     """
 
     model: str | None
@@ -352,7 +353,7 @@ class _OfModel:
         if row.conditions[GAIN.name] is not None and GAIN in self.data.settings.axes:
             use += f", {GAIN.text(row.conditions[GAIN.name]).removeprefix('gain ')}"
         interval = "" if low is None or high is None else f"{low:.2f}–{high:.2f}"
-        return MARKS[verdict], f"{use} {row.score.known:.2f} {MARKS[verdict]}", [interval]
+        return MARKS[verdict], f"{use}\n{row.score.known:.2f} {MARKS[verdict]}", [interval]
 
     def limits(self) -> str:
         """What limits the conditions in which no exposure works, the most frequent first; else what ends the
@@ -433,6 +434,8 @@ def table_rows(shown: Opening, most: int, speeds: int) -> tuple[list[str], list[
     """Heads and rows of text for a terminal, of at most so many rows and speeds; how many cells are left out."""
     kept = [*range(len(shown.heads))[:2], *spread(range(2, len(shown.heads)), speeds)]
     rows = spread(shown.rows, most)
-    text = [[name, *(cells[place - 1][1] for place in kept[1:])] for name, _, cells in rows]
+    text = [
+        [name, *(cells[place - 1][1].replace("\n", " ") for place in kept[1:])] for name, _, cells in rows
+    ]
     hidden = len(shown.rows) * (len(shown.heads) - 1) - len(rows) * (len(kept) - 1)
     return [shown.heads[place] for place in kept], text, hidden

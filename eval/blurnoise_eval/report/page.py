@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import gzip
 import io
+import shlex
 import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -38,10 +39,17 @@ PICTURE_PX, PICTURE_BYTES = (
 )  # longest side and JPEG of a picture, so that the page stays below 3 MB
 
 
-def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = lambda figures: None) -> Path:
+def write_report(
+    data: RunData,
+    folder: Path,
+    progress: Callable[[int], None] = lambda figures: None,
+    *,
+    run: str | None = None,
+) -> Path:
     """Write ``folder``/report.html and ``folder``/figures/*.png; return the page's path.
 
-    progress: called for each figure. Raises ``OSError`` where the folder cannot be written.
+    progress: called for each figure. run: where the run is, for commands to copy, by default the folder. Raises
+    ``OSError`` where the folder cannot be written.
     """
     path_within(folder, "figures").mkdir(parents=True, exist_ok=True)
     drawn: dict[str, bytes] = {}
@@ -52,7 +60,7 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
         progress(1)
     for name, png in drawn.items():
         write_whole(folder / "figures" / name, png)
-    page, first = folder / "report.html", opening(data)
+    page, first = folder / "report.html", opening(data, shlex.quote(run or str(folder)))
     write_page(
         page,
         TEMPLATES / "report.html.j2",

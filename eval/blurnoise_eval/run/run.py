@@ -403,4 +403,4 @@ class Run:
         write_whole(folder / "summary.json", json.dumps(summary, indent=1).encode("utf-8"))
         tables = of_page(self.tables, self.setup)
         with ProgressBar("draw", len(charts.views(tables)), self._progress) as advance:
-            return page.write_report(tables, folder, advance)
+            return page.write_report(tables, folder, advance, run=str(summary["run"]))

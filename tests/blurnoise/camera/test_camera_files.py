@@ -94,9 +94,9 @@ def test_quantum_efficiency_from_csv(tmp_path, column, values):
 
 
 BAD_FIELDS = [
-    ({"read_noise": 3}, "'read_noise' is unknown; did you mean 'read_noise_e'"),
+    ({"read_noise": 3}, "'read_noise' is unknown (did you mean 'read_noise_e'?); must be one of "),
     ({"falloff_power": 4}, "field 'falloff_power': must be in the mapping lens, as lens: {falloff_power: "),
-    ({"iris": 3}, "'iris' is unknown; Known are base, name, pixel_pitch_um"),
+    ({"iris": 3}, "'iris' is unknown; must be one of analogue_gain_max_db, base, bit_depth"),
     ({"read_noise_e": True}, "read_noise_e = True: must be a number"),
     ({"full_well_e": "1e4"}, "full_well_e = '1e4': must be a number, not text (YAML"),
     ({"bit_depth": 12.0}, "bit_depth = 12.0: must be an integer"),
@@ -120,7 +120,7 @@ BAD_FIELDS = [
     ({"sources": {"gain": "x"}}, "sources: field 'gain' is unknown"),
     ({"sources": {"f_number": 3}}, "sources.f_number = 3: must be text"),
     ({"quantum_efficiency": 60}, "quantum_efficiency = 60.0: must be finite and >= 0 and <= 1"),
-    ({"quantum_efficiency": {"nm": [1]}}, "Known are wavelengths_nm, values, csv, column"),
+    ({"quantum_efficiency": {"nm": [1]}}, "must be one of column, csv, values, wavelengths_nm"),
     ({"quantum_efficiency": {"csv": ["a"] * 10**4}}, "quantum_efficiency: csv = ['a', 'a'"),
     ({"quantum_efficiency": {"csv": "no.csv"}}, "csv 'no.csv' cannot be read: No such file"),
     ({"quantum_efficiency": {"csv": "bad.csv"}}, "bad.csv, line 2"),

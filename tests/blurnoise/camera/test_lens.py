@@ -103,7 +103,7 @@ def shape(model, *coefficients, **others):
     [
         (3, {}, "lens = 3: must map figures to values"),
         ({"field_curvature_px": 60}, {}, "lens: field_curvature_px = 60.0: must be finite and >= -50 and <= 50"),
-        ({"field_curvatur_px": 1}, {}, "lens: figure 'field_curvatur_px' is unknown; did you mean 'field_curvature"),
+        ({"field_curvatur_px": 1}, {}, "lens: figure 'field_curvatur_px' is unknown (did you mean 'field_curvature"),
         ({"mtf": {"frequencies": [1]}}, {}, "lens: mtf: missing values, unit"),
         (mtf([0.1, 0.5], [1, 1.1]), {}, "lens: mtf: values"),
         (mtf([0.3, 0.1], [1, 0.1]), {}, "lens: mtf: frequencies = (0.3, 0.1): must be >= 0 and increase"),

@@ -63,7 +63,7 @@ def test_sweep_leaves_a_folder_that_answers(run):
 
 
 def test_same_sweep_again_computes_nothing(run, words, capsys, monkeypatch):
-    monkeypatch.setattr(page, "write_report", lambda data, folder, progress: folder)
+    monkeypatch.setattr(page, "write_report", lambda data, folder, progress, run: folder)
     assert main([*words, "-o", run, "--json"]) == 0
     out, err = capsys.readouterr()
     summary = json.loads(out)

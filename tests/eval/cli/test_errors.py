@@ -106,7 +106,7 @@ COMMANDS = {
     ],
     "cameras": [
         ("pinhole", "camera = 'pinhole': must be a camera file or one of the presets ar0132at"),
-        ("bad.yaml", "bad.yaml: field 'read_noise' is unknown; did you mean 'read_noise_e'"),
+        ("bad.yaml", "bad.yaml: field 'read_noise' is unknown (did you mean 'read_noise_e'?)"),
         ("imx250 --save mine.txt", "suffix of mine.txt"),
         ("--save mine.yaml", "--save: needs the name of a camera"),
     ],

@@ -48,6 +48,11 @@ def test_a_wrong_query_says_what_is_wrong(query, message):
     assert message in str(error.value)
 
 
+def test_what_names_the_setting_itself_names_it_once():
+    with pytest.raises(ValueError, match=r"^headlamp = 'hi': must be one of off, low, high$"):
+        State.of_query("headlamp=hi", USUAL)
+
+
 @pytest.mark.parametrize(
     "value",
     ["own", "auto", "", "nan", "-inf", "1e999", "1e-320", "-0", "0.5", "²", "\0", "\udcff", "9" * 5000, "1_0", " 1 ",

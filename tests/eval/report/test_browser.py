@@ -34,6 +34,9 @@ PROBE = """(async () => {
     byId(id).dispatchEvent(new Event("change"));
   };
   await ready;
+  const top = selector => document.querySelector(selector).getBoundingClientRect().top;
+  seen.tops = [".drawing", ".uses", ".lead"].map(top);
+  seen.scrolled = Math.max(...every(".uses .scroll").map(each => each.scrollWidth - each.clientWidth));
   look("start");
   for (const option of byId("view").options) { choose("view", option.text); look(option.text); }
   if (byId("f-number")) {
@@ -147,3 +150,10 @@ def test_figures_and_numbers_are_readable_by_day_and_by_night(tmp_path, monkeypa
         assert first[0] > 640  # beside the answer
         assert 0 < first[1] < first[2] <= 900  # on the first screen
         tab.close()
+
+
+def test_a_phone_shows_figure_and_table_before_the_text_and_a_desk_the_whole_table(looked_at):
+    seen = looked_at(speeds=(0.0, 300.0, 600.0, 900.0), n_examples=0)
+    drawing, table, text = seen[390]["tops"]
+    assert drawing < table < text
+    assert seen[1280]["scrolled"] <= 0

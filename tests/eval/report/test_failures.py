@@ -127,20 +127,22 @@ FOUND_AT_3_MS = {(3, 1): 4, (30, 1): 3, (3, 400): 4, (30, 400): 1, (3, 20000): 4
     [
         (
             FOUND_AT_3_MS,
-            {(30, 20000): 0.9},
+            {(30, 20000)},
             (3, 30, 400),
         ),  # two lost say more than one, and white says nothing
         (
             {(3, 1): 4, (30, 1): 3, (3, 9): 4, (30, 9): 0},
-            {(30, 9): 0.9},
+            {(30, 9)},
             (3, 30, 1),
         ),  # one lost, but not in white
-        (FOUND_AT_3_MS | {(30, 1): 2}, {(30, 20000): 0.9}, (3, 30, 1)),  # the darker of two that lose enough
-        (FOUND_AT_3_MS | {(0.3, 1): 0, (30, 1): 2}, {(30, 20000): 0.9}, (3, 30, 1)),  # blur, before darkness
-        ({(3, 1): 0, (0.3, 1): 0, (3, 400): 4, (0.3, 400): 3, (0.03, 400): 0}, {}, (3, 0.03, 400)),
+        (FOUND_AT_3_MS | {(30, 1): 2}, {(30, 20000)}, (3, 30, 1)),  # the darker of two that lose enough
+        (FOUND_AT_3_MS | {(0.3, 1): 0, (30, 1): 2}, {(30, 20000)}, (3, 30, 1)),  # blur, before darkness
+        ({(3, 1): 0, (0.3, 1): 0, (3, 400): 4, (0.3, 400): 3, (0.03, 400): 0}, set(), (3, 0.03, 400)),
+        # a black picture teaches as little
+        ({(3, 400): 4, (0.3, 400): 3, (0.03, 400): 0}, {(0.03, 400)}, (3, 0.3, 400)),
         (
             {(3, 20000): 4, (30, 20000): 0},
-            {(30, 20000): 0.9},
+            {(30, 20000)},
             (3, 30, 20000),
         ),  # white where there is nothing else
     ],
@@ -153,8 +155,8 @@ def test_the_opening_teaches(found, white, opens):
     codes = [[2 * 900 + 1] * n + [2 * 100] * (4 - n) for n in found.values()]
     model = failures._Model("model", [], np.array(codes, np.uint16), 0)
     tested = failures._TestedConditions([], [(at, 0) for at in conditions], places)
-    shares = {("model", at): white.get(key, 0.0) for at, key in zip(conditions, found, strict=True)}
-    view = max(failures._views(0, model, tested, shares), key=lambda each: each.teaches)
+    seen = {("model", at) for at, key in zip(conditions, found, strict=True) if key not in white}
+    view = max(failures._views(0, model, tested, seen), key=lambda each: each.teaches)
     (ms_a, lux), (ms_b, same) = list(found)[view.a], list(found)[view.b]
     assert (ms_a, ms_b, lux) == opens
     assert lux == same

@@ -24,7 +24,7 @@ def test_the_figure_has_the_score_of_each_light_at_its_exposure(tmp_path):
     for line, row in zip(figure.lines, lights, strict=True):
         # the mean over speeds and kinds of target, as that of the table; a pixel is 0.005
         assert score_of(line.chosen[1]) == pytest.approx(row.score.known, abs=1e-3)
-        assert line.chosen in line.points
+        assert line.chosen[0] in [x for x, _ in line.points]
         assert len(line.points) == 4
         of = [a for a in data.answers if a.conditions["illuminance_lux"] == row.conditions["illuminance_lux"]]
         shortest = sum(answer.confidence[0] for answer in of) / len(of)
@@ -51,11 +51,12 @@ def test_without_two_exposures_or_targets_there_is_no_figure(tmp_path, shape):
 
 
 def examples(data, *every):
-    """Examples of (ms, lux, confidence, saturated share)."""
+    """Examples of (ms, lux, confidence, saturated share), and of some the signal to noise, dB."""
     (made,) = (each for each in data.examples if not each.cell.conditions.original)
-    for ms, lux, confidence, saturated in every:
+    for ms, lux, confidence, saturated, *snr_db in every:
         at = made.cell.conditions.but(exposure_s=ms / 1e3, illuminance_lux=lux)
-        cell = replace(made.cell, conditions=at, saturated_share=saturated)
+        snr = {"snr_db": snr_db[0]} if snr_db else {}
+        cell = replace(made.cell, conditions=at, saturated_share=saturated, **snr)
         targets = tuple(replace(target, confidence=confidence) for target in made.targets)
         yield replace(made, cell=cell, targets=targets)
 
@@ -68,6 +69,9 @@ def examples(data, *every):
         (((4, 200, 0.9, 0), (1, 200, 0.1, 0), (64, 200, 0.1, 0.9)), [4, 1]),  # no white picture
         (((1, 10, 0.9, 0), (4, 10, 0.9, 0)), [1, 4]),  # both find all
         (((1, 10, 0.9, 0), (4, 10, 0.9, 0.5)), []),
+        # nothing but noise teaches as little as white, however much is lost there
+        (((64, 10, 0.9, 0), (1, 10, 0.1, 0, -20.0), (4, 200, 0.9, 0), (1, 200, 0.1, 0)), [4, 1]),
+        (((64, 10, 0.9, 0), (1, 10, 0.1, 0, -20.0)), [64, 1]),  # where nothing else is
     ],
 )
 def test_the_pair_shows_what_the_exposure_does(tmp_path, every, chosen):

@@ -1,5 +1,6 @@
 """The page answers the question, survives odd runs and lets no name into it as markup."""
 
+import math
 import re
 from dataclasses import replace
 
@@ -24,6 +25,15 @@ def reported(tmp_path_factory):
 def page_only(monkeypatch):
     """Leave the figures undrawn, for tests of the page's words."""
     monkeypatch.setattr(figures, "figures_of", lambda *_: {})
+
+
+def test_commands_to_copy_name_the_run(tmp_path, page_only):
+    data = made_run(tmp_path, n_examples=0)
+    automatic = [
+        replace(row, conditions=row.conditions.but(gain_db=math.inf)) for row in data.recommendations
+    ]
+    page = write_report(replace(data, recommendations=automatic), tmp_path, run="my runs/first")
+    assert "'blurnoise program 'my runs/first' -o program'" in Page(page).text
 
 
 def test_writes_the_page_and_real_pictures(reported):

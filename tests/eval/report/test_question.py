@@ -37,7 +37,7 @@ def run(tmp_path_factory):
 def test_a_report_asks_what_the_sweep_asked(
     run, tmp_path, monkeypatch, capsys, options, level, kept, score, cluster
 ):
-    monkeypatch.setattr(page, "write_report", lambda data, folder, progress: folder)
+    monkeypatch.setattr(page, "write_report", lambda data, folder, progress, run: folder)
     assert main(["report", str(run), "-o", str(tmp_path), "--json", *options]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["criterion"].items() >= {"level": level, "kept": kept, "score": score}.items()
