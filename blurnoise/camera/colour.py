@@ -40,7 +40,7 @@ _LARGEST_INVERSE = 100.0  # entries; a matrix near a singular one would turn rou
 
 @dataclass(frozen=True)
 class FilterCurves:
-    """Electrons per photon behind each colour filter, IR-cut included: a number over 400-700 nm or a curve.
+    """Electrons per photon behind each colour filter: a number over 400-700 nm, or a curve over its own range.
 
     A pattern needs those of its own filters. Raises ``TypeError`` or ``ValueError`` naming the filter.
 

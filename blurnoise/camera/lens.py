@@ -63,6 +63,8 @@ class Lens:
     """Working f-number."""
     transmission: Annotated[Figure, CameraFigure("Transmission", "", SHARE)]
     """Of lens and atmosphere."""
+    infrared_cut_nm: Annotated[Figure, CameraFigure("Infrared cut", "nm", Limit(0.0, 1e4))] = 0.0
+    """Wavelength from which on a filter passes no light; 0: no filter."""
     defocus_radius_px: Annotated[Figure, CameraFigure("Defocus", "px", LIMITS["radius_px"])] = 0.0
     """Radius of the disc to which a point spreads."""
     defocus_counts_pixel: bool = False

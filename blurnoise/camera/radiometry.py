@@ -11,6 +11,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from functools import lru_cache, reduce
+from itertools import pairwise
 from operator import add
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -24,9 +25,18 @@ from blurnoise._core.threads import plain
 from blurnoise.camera import colour
 from blurnoise.camera.camera import Camera
 from blurnoise.camera.colour import FilterCurves, Row
-from blurnoise.camera.spectra import Curve, check_illuminant, infrared_share, photons_per_lux_s_um2
+from blurnoise.camera.spectra import (
+    SILICON_NM,
+    Curve,
+    check_illuminant,
+    check_infrared,
+    counted_nm,
+    ends_at,
+    infrared_share,
+    photons_per_lux_s_um2,
+)
 
-BANDS_NM = ((580.0, 700.0), (490.0, 580.0), (400.0, 490.0))  # red, green and blue of a picture
+GREEN_NM = (490.0, 580.0)  # of a picture; blue is below, red above, the near infrared included
 # Of clear: the difference that RCCB takes for green carries the noise of three filters, magnified by its inverse.
 _LEAST_GREEN = 0.05
 Number = TypeVar("Number", float, Tensor)
@@ -39,8 +49,9 @@ def photoelectrons(
     """Mean photo-electrons per pixel of a white (reflectance 1) surface; behind the strongest filter of a mosaic.
 
     E T p^2 tau / (4 N^2) * integral W Q lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al., Sensors
-    2024, 24, 5135, eq. 9-13, without the rounding of h. A measured t_number of the lens stands for N / sqrt(tau).
-    illuminance_lux and exposure_s >= 0; illuminant: a name or a curve (see
+    2024, 24, 5135, eq. 9-13, without the rounding of h. The first integral runs as far as light and quantum
+    efficiency go, up to infrared_cut_nm of the lens; a plain number counts from 400 to 700 nm. A measured t_number of
+    the lens stands for N / sqrt(tau). illuminance_lux and exposure_s >= 0; illuminant: a name or a curve (see
     :func:`blurnoise.camera.spectra.illuminant`). Raises ``TypeError`` or ``ValueError`` naming the argument.
 
     4 N^2 is that of a lens that obeys Abbe's sine condition, as photographic lenses do: the marginal ray meets the
@@ -83,40 +94,72 @@ def filter_electrons(camera: Camera, illuminant: str | Curve = "D55") -> Mapping
     tau, stop = (1.0, lens.t_number) if lens.t_number else (lens.transmission, lens.f_number)
     on_sensor_um2 = camera.sensor.pixel_pitch_um**2 * tau / (4 * stop**2)
     curves = camera.sensor.quantum_efficiency
-    by_letter = {"": curves}
+    by_letter = {"": curves} if not isinstance(curves, FilterCurves) else {}
     if isinstance(curves, FilterCurves):
         by_letter = {letter: curves.of(letter) for letter in camera.sensor.cfa}
-    photons = {letter: photons_per_lux_s_um2(illuminant, (curve,)) for letter, curve in by_letter.items()}
+    photons = {
+        letter: photons_per_lux_s_um2(illuminant, (curve,), counted_nm(curve, lens.infrared_cut_nm))
+        for letter, curve in by_letter.items()
+    }
     if text := infrared_text(camera, illuminant):  # once, as the result is kept
         warnings.warn(text, stacklevel=2)
     return MappingProxyType({letter: on_sensor_um2 * number for letter, number in photons.items()})
 
 
 def infrared_text(camera: Camera, illuminant: str | Curve) -> str:
-    """Note on a camera without colours, which has no infrared cut, under light that is mostly infrared; else "".
+    """Note on near infrared that a camera without a filter sees, and its curve or the light's lacks; else "".
 
-    >>> infrared_text(Camera.preset("imx250m"), "halogen")[:47]
-    'imx250m: infrared is not counted; this light ha'
+    >>> infrared_text(Camera.preset("imx250m"), "halogen")[:62]
+    'imx250m: quantum_efficiency ends at 800 nm; this light has 1.2'
     """
-    if camera.sensor.cfa != "mono" or (times := infrared_share(illuminant)) <= 1:
+    curves = camera.sensor.quantum_efficiency
+    if isinstance(curves, FilterCurves) or camera.lens.infrared_cut_nm:
         return ""
-    of = f"{times:.1f} times as many photons at 700-1000 nm as at 400-700 nm"
-    return f"{camera.name}: infrared is not counted; this light has {of}, which a camera without infrared cut sees"
+    curve_nm, light_nm = min(counted_nm(curves)[1], SILICON_NM), ends_at(illuminant)
+    if light_nm < curve_nm:
+        light = f"the light's spectrum ends at {light_nm:g} nm, quantum_efficiency at {curve_nm:g} nm"
+        return f"{camera.name}: {light}; infrared light between them is not counted"
+    if camera.sensor.cfa != "mono" or (times := infrared_share(illuminant, curve_nm)) <= 1:
+        return ""
+    of = f"{times:.1f} times as many photons from there to 1000 nm as below, which are not counted"
+    cut = "state infrared_cut_nm if the camera has such a filter"
+    return f"{camera.name}: quantum_efficiency ends at {curve_nm:g} nm; this light has {of}; {cut}"
+
+
+def check_sees(camera: Camera, infrared: str) -> None:
+    """Raise ``ValueError`` for a camera that sees nothing of a lamp in near infrared.
+
+    >>> check_sees(Camera.preset("imx250c"), "850:0.1")
+    Traceback (most recent call last):
+    ValueError: infrared = '850:0.1': imx250c sees nothing from 660 nm on; state quantum_efficiency there, and ...
+    """
+    lamp_nm, _ = check_infrared(infrared)
+    curves, cut_nm = camera.sensor.quantum_efficiency, camera.lens.infrared_cut_nm
+    each = [curve for _, curve in curves.items()] if isinstance(curves, FilterCurves) else [curves]
+    end_nm = max(counted_nm(curve, cut_nm)[1] for curve in each)
+    if end_nm <= lamp_nm:
+        needs = "state quantum_efficiency there, and infrared_cut_nm: 0"
+        raise ValueError(
+            f"infrared = {infrared!r}: {camera.name} sees nothing from {end_nm:g} nm on; {needs}"
+        )
 
 
 @lru_cache(maxsize=64)
 def colour_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, float, float]:
     """Shares of red, green and blue in the electrons that white light makes without a colour filter.
 
-    A colour picture is three bands of the spectrum, ``BANDS_NM``, that add up to white (an assumption: boxes, as in
-    Smits, An RGB-to-spectrum conversion for reflectances, 1999); what each makes follows from light and curve.
+    A colour picture is three bands of the spectrum that add up to white, divided at ``GREEN_NM`` (an assumption:
+    boxes, as in Smits, An RGB-to-spectrum conversion for reflectances, 1999); what each makes follows from light and
+    curve. Near infrared is part of red: leaves and many clothes are brighter in it.
 
     >>> [round(share, 2) for share in colour_shares(Camera.preset("imx250"))]
     [0.5, 0.42, 0.08]
     """
     curves = camera.sensor.quantum_efficiency
     curve = curves.of("C") if isinstance(curves, FilterCurves) else curves
-    red, green, blue = (photons_per_lux_s_um2(illuminant, (curve,), band) for band in BANDS_NM)
+    low, high = counted_nm(curve, camera.lens.infrared_cut_nm)
+    ends = [min(max(low, nm), high) for nm in (low, *GREEN_NM, high)]
+    blue, green, red = (photons_per_lux_s_um2(illuminant, (curve,), band) for band in pairwise(ends))
     total = red + green + blue
     return (red / total, green / total, blue / total) if total > 0 else (1 / 3, 1 / 3, 1 / 3)
 
@@ -201,9 +244,9 @@ def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") ->
 def weights(camera: Camera, illuminant: str | Curve = "D55") -> tuple[Row, ...]:
     """Weights of red, green and blue of linear sRGB in a plane: for each of the four sites, or for all pixels.
 
-    >>> (of_all,) = weights(Camera.preset("imx250m"))  # one plane, no mosaic
+    >>> (of_all,) = weights(Camera.preset("imx250m"))  # one plane, infrared in red
     >>> [round(weight, 2) for weight in of_all]
-    [0.5, 0.42, 0.08]
+    [0.61, 0.33, 0.06]
     """
     if camera.sensor.cfa == "mono":
         return (colour_shares(camera, illuminant),)

@@ -57,7 +57,7 @@ class Sensor:
     pixel_pitch_um: Annotated[Figure, CameraFigure("Pixel pitch", "µm", Limit(0.1, 1000.0))]
     """Side of the square pixel."""
     quantum_efficiency: Figure | Curve | FilterCurves
-    """Electrons per photon, IR-cut included: a number over 400-700 nm or a curve; of a mosaic one for each filter."""
+    """Electrons per photon: a number over 400-700 nm, or a curve over its own range; of a mosaic one by filter."""
     full_well_e: Annotated[Figure, CameraFigure("Full well", "e-", WELL_E)]
     """Saturation capacity of a pixel."""
     system_gain_dn_per_e: Annotated[Figure, CameraFigure("System gain", "DN/e-", GAIN_DN_PER_E)]

@@ -3,12 +3,14 @@
 Wavelengths in nm, curves piecewise linear between their samples and zero outside them. Data: the CIE 1924
 photopic curve V (1 nm) and the D-series components S0, S1, S2 (10 nm), both of CIE 15, as CSV tables in
 ``data/``; spectra of lamps (5 nm) in ``data/illuminants/``, whose NOTICE.md has sources and licence. All integrals
-are sums over a 1 nm grid (trapezoid).
+are sums over a 1 nm grid (trapezoid), as far as both light and response go: CIE's daylight ends at 830 nm, its lamps
+at 780 nm, Planck's law is taken to 1100 nm.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -29,8 +31,12 @@ LIGHT_M_S = 299_792_458.0
 BOLTZMANN_J_K = 1.380649e-23
 LUMENS_PER_WATT = 683.0
 VISIBLE_NM = (400.0, 700.0)  # the band that a plain number (a quantum efficiency, a transmission) covers
-INFRARED_NM = (700.0, 1000.0)
-"""Where silicon sees and the band of a plain number does not."""
+SILICON_NM = 1000.0
+"""Where silicon hardly sees any more."""
+INFRARED_LAMPS_NM: Mapping[str, float] = {"850": 850.0, "940": 940.0}
+"""Centroids of lamps in near infrared."""
+_LAMP_NM = 30.0  # width of their light, at half its height
+_INFRARED_NAME = re.compile(r"(led|ir|nir|infrared)?[- ]?(850|940)( ?nm)?", re.IGNORECASE)
 _OVER = 0.05  # of the peak: a curve that ends above it was cut short, one that ends below has faded
 
 Floats = NDArray[np.float64]
@@ -85,6 +91,7 @@ def check_samples(name: str, positions: Sequence[float], values: Sequence[float]
 
 
 Spectrum = float | Curve  # a number holds over the whole integration band
+Band = tuple[float, float]
 
 
 def check_shares(name: str, curve: Spectrum) -> None:
@@ -192,6 +199,7 @@ def check_illuminant(illuminant: object) -> str | Curve:
         return illuminant
     if not isinstance(illuminant, str):
         raise TypeError(f"illuminant = {shown(illuminant)}: {_ALLOWED}")
+    refuse_infrared(illuminant)
     kind, _, kelvin = illuminant.lower().partition(":")
     if kind in _BY_KEY and not kelvin:
         return _BY_KEY[kind]
@@ -210,12 +218,14 @@ def _check_power(light: Curve) -> None:
         if power < 0:
             raise ValueError(f"illuminant: power at {nm:g} nm = {power:g}: must be >= 0")
     if _integral((light, _table("v_lambda.csv", 1)), VISIBLE_NM) <= 0:
-        raise ValueError("illuminant: gives no visible light, 400-700 nm")
+        raise ValueError(
+            "illuminant: gives no visible light, 400-700 nm, so that lux cannot say how much it is"
+        )
 
 
 @lru_cache(maxsize=64)
 def photons_per_lux_s_um2(
-    source: str | Curve = "D55", responses: Sequence[Spectrum] = (), band_nm: tuple[float, float] = VISIBLE_NM
+    source: str | Curve = "D55", responses: Sequence[Spectrum] = (), band_nm: Band = VISIBLE_NM
 ) -> float:
     """Photons per (lux s um^2) of illuminance on a surface, weighted by every one of ``responses``, a tuple.
 
@@ -234,15 +244,97 @@ def photons_per_lux_s_um2(
     return photons / (LUMENS_PER_WATT * luminous) * 1e-12
 
 
-def infrared_share(source: str | Curve) -> float:
-    """Photons of an illuminant in ``INFRARED_NM``, as a multiple of those in ``VISIBLE_NM``, by its own table.
+def counted_nm(response: Spectrum, cut_nm: float = 0.0) -> Band:
+    """The wavelengths that a response counts: a number's are ``VISIBLE_NM``, a curve's its own; cut_nm: of a filter.
+
+    >>> counted_nm(0.5), counted_nm(Curve((350.0, 1000.0), (0.1, 0.1))), counted_nm(0.5, cut_nm=650.0)
+    ((400.0, 700.0), (350.0, 1000.0), (400.0, 650.0))
+    """
+    nm = response.wavelengths_nm if isinstance(response, Curve) else VISIBLE_NM
+    return nm[0], min(nm[-1], cut_nm or math.inf)
+
+
+def flattened(response: Spectrum, cut_nm: float = 0.0) -> Spectrum:
+    """The mean of a response's values: a number where it ends in ``VISIBLE_NM``, or a curve to where it counts.
+
+    >>> flattened(Curve((400.0, 700.0), (0.2, 0.6))), flattened(Curve((400.0, 900.0), (0.2, 0.6))).values
+    (0.4, (0.4, 0.4))
+    """
+    if not isinstance(response, Curve):
+        return response
+    mean, end_nm = sum(response.values) / len(response.values), counted_nm(response, cut_nm)[1]
+    return mean if end_nm <= VISIBLE_NM[1] else Curve((VISIBLE_NM[0], end_nm), (mean, mean))
+
+
+def infrared_share(source: str | Curve, from_nm: float = VISIBLE_NM[1]) -> float:
+    """Photons of an illuminant from from_nm to ``SILICON_NM``, as a multiple of those from 400 nm on, by its table.
 
     >>> round(infrared_share("halogen"), 1), round(infrared_share("led-4000"), 2)
     (2.9, 0.04)
     """
     lit = illuminant(source)
-    seen = _integral((lit,), VISIBLE_NM, power_of_nm=1)
-    return _integral((lit,), INFRARED_NM, power_of_nm=1) / seen if seen > 0 else math.inf
+    seen = _integral((lit,), (VISIBLE_NM[0], from_nm), power_of_nm=1)
+    return _integral((lit,), (from_nm, SILICON_NM), power_of_nm=1) / seen if seen > 0 else math.inf
+
+
+def ends_at(source: str | Curve) -> float:
+    """The last wavelength, nm, of an illuminant that ends above 5 % of its peak; infinity for one that has faded.
+
+    >>> ends_at("D55"), ends_at("led-4000")
+    (830.0, inf)
+    """
+    lit = illuminant(source)
+    return lit.wavelengths_nm[-1] if lit.values[-1] > _OVER * max(lit.values) else math.inf
+
+
+def refuse_infrared(illuminant: str) -> None:
+    """Raise ``ValueError`` for names of lamps in near infrared, such as led-850.
+
+    >>> refuse_infrared("led-4000")
+    """
+    if lamp := _INFRARED_NAME.fullmatch(illuminant.strip()):
+        beside = f"give it beside lux, as infrared = {lamp[2]}:IRRADIANCE in W/m2"
+        raise ValueError(f"illuminant = {shown(illuminant)}: is infrared, which lux do not count; {beside}")
+
+
+def check_infrared(infrared: str) -> tuple[float, float]:
+    """Wavelength, nm, and irradiance on the scene, W/m^2, of a lamp in near infrared. Raises ``ValueError``.
+
+    >>> check_infrared("850:0.1")
+    (850.0, 0.1)
+    """
+    nm, _, irradiance = str(infrared).partition(":")
+    try:
+        lamp = INFRARED_LAMPS_NM[nm.strip()], in_range("infrared", float(irradiance), 0.0, 1e4, above=True)
+    except (KeyError, ValueError):
+        must = "must be NM:IRRADIANCE in W/m2 on the scene, of a lamp of 850 or 940 nm, such as 850:0.1"
+        raise ValueError(f"infrared = {shown(infrared)}: {must}") from None
+    return lamp
+
+
+@lru_cache(maxsize=256)
+def with_infrared(source: str | Curve, illuminance_lux: float, infrared: str) -> Curve:
+    """The spectrum of an illuminant at these lux with a lamp in near infrared beside it, W/(m^2 nm) on the scene.
+
+    The lamp is a triangle, 30 nm wide at half its height, as LEDs for surveillance are (OSRAM SFH 4715S; assumed for
+    940 nm). Lux do not count it: photons of infrared are E t A lambda/(h c), that is 50.34 photons per um^2, ms,
+    uW/cm^2 and um of wavelength, EMVA 1288 release 4 linear, section 2.2.
+
+    Raises ``ValueError`` for less than 1e-6 lux: the spectrum's scale is that of its visible light.
+
+    >>> lit = with_infrared("D55", 0.01, "850:0.1")  # starlight, and a lamp
+    >>> round(photons_per_lux_s_um2(lit, (), (800.0, 900.0)) * 0.01 * 1e-3 / (50.34 * 0.85 * 10), 3)  # of 1 ms
+    1.0
+    """
+    lamp_nm, irradiance = check_infrared(infrared)
+    lux = in_range("illuminance_lux, beside infrared", illuminance_lux, 1e-6, math.inf)
+    lit = illuminant(source)
+    lamp = Curve((lamp_nm - _LAMP_NM, lamp_nm, lamp_nm + _LAMP_NM), (0.0, irradiance / _LAMP_NM, 0.0))
+    watts = lux / (LUMENS_PER_WATT * _integral((lit, _table("v_lambda.csv", 1)), (0.0, math.inf)))
+    # Daylight's table does not fade: it ends at once.
+    ends = lit.wavelengths_nm[0] - 1e-3, lit.wavelengths_nm[-1] + 1e-3
+    nm = np.unique([*lit.wavelengths_nm, *ends, *lamp.wavelengths_nm])
+    return Curve(tuple(nm.tolist()), tuple((watts * lit.at(nm) + lamp.at(nm)).tolist()))
 
 
 @lru_cache(maxsize=64)
@@ -270,7 +362,7 @@ def cut_short(response: Curve) -> str:
     return f"{' and '.join(ends)}, counted as 0 beyond{more}"
 
 
-def _integral(factors: Sequence[Spectrum], band_nm: tuple[float, float], power_of_nm: int = 0) -> float:
+def _integral(factors: Sequence[Spectrum], band_nm: Band, power_of_nm: int = 0) -> float:
     """Integrate a product over the wavelengths that all curves cover, in steps of at most 1 nm."""
     curves = [factor for factor in factors if isinstance(factor, Curve)]
     low = max(band_nm[0], *(curve.wavelengths_nm[0] for curve in curves))

@@ -19,7 +19,7 @@ from blurnoise.camera.colour import FilterCurves, marked
 from blurnoise.camera.radiometry import electrons_per_lux_s
 from blurnoise.camera.sensor import DSNU as DSNU_FIGURES
 from blurnoise.camera.sensor import PRNU as PRNU_FIGURES
-from blurnoise.camera.spectra import Curve, Spectrum
+from blurnoise.camera.spectra import Curve, Spectrum, flattened
 from blurnoise.light.resolved import Resolved
 from blurnoise.sensor.stage import (
     MERGE_READ_NOISE_E,
@@ -435,15 +435,13 @@ def nearly_full_e(camera: Camera) -> float:
 @lru_cache(maxsize=64)
 def _flat_curve_error(camera: Camera, illuminant: str | Curve) -> float:
     """Relative error of the signal if the sensor's curve were flat, at its mean over wavelengths."""
-
-    def mean(curve: Spectrum) -> float:
-        return sum(curve.values) / len(curve.values) if isinstance(curve, Curve) else curve
-
-    curves = camera.sensor.quantum_efficiency
+    curves, cut_nm = camera.sensor.quantum_efficiency, camera.lens.infrared_cut_nm
     if isinstance(curves, FilterCurves):
-        even: float | FilterCurves = FilterCurves(**{name: mean(curve) for name, curve in curves.items()})
+        even: Spectrum | FilterCurves = FilterCurves(
+            **{x: flattened(curve, cut_nm) for x, curve in curves.items()}
+        )
     else:
-        even = mean(curves)
+        even = flattened(curves, cut_nm)
     flat = electrons_per_lux_s(camera.with_figures(quantum_efficiency=even), illuminant)
     exact = electrons_per_lux_s(camera, illuminant)
     return abs(flat - exact) / exact if exact > 0 else 0.0

@@ -80,6 +80,9 @@ def _write_labels(folder, names):
 
 def _write_camera(folder):
     Camera.preset("imx250").with_figures(dark_current_e_s=10.0).save(folder / "mine.yaml")
+    (folder / "nir.yaml").write_text(
+        "base: imx250m\nquantum_efficiency: {wavelengths_nm: [400, 1000], values: [0.5, 0.1]}\n"
+    )
     (folder / "qe.csv").write_text("400,0.4\n550,0.6\n700,0.3\n")
     made_frames.save(folder / "frames", made_frames.exposed(made_frames.drawn_camera(1), 1, size=(64, 80)))
     made_frames.write_tuning(folder / "imx219.json")

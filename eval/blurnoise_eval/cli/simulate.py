@@ -16,7 +16,7 @@ from blurnoise_eval.system.terminal import say_wrapped
 
 @settings(
     SceneFile, "*", "distance_m", "sheeting", "trajectory", "object", "camera",
-    "grey_anchor", "picture_tone", "hdr", "bit_depth", "seed",
+    "infrared", "grey_anchor", "picture_tone", "hdr", "bit_depth", "seed",
     file="scene",
 )  # fmt: skip
 def simulate(

@@ -11,7 +11,7 @@ from blurnoise_eval.plan.files import PlanFile
 
 
 @settings(
-    PlanFile, "model", "contract", "images", "labels", "target", "limit", "camera", "*", "grey_anchor",
+    PlanFile, "model", "contract", "images", "labels", "target", "limit", "camera", "*", "infrared", "grey_anchor",
     "keep", "score", "engine", "threads", "part",
 )  # fmt: skip
 def sweep(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:

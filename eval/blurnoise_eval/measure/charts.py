@@ -319,6 +319,8 @@ def check(camera: Camera, plan: SweepPlan) -> None:
         raise ValueError("headlamp: must be off, as a chart has no targets")
     if plan.lamps is not None:
         raise ValueError("emitters, pwm: must be left out; a chart has no lamps")
+    if plan.infrared is not None:
+        raise ValueError("infrared: must be left out; charts are measured in visible light")
     if len(camera.sensor.captures) > 1:  # a chart's metrics are of one frame's digital numbers
         count = len(camera.sensor.captures)
         raise ValueError(f"camera: {camera.name!r} has {count} captures; must have one for a chart")

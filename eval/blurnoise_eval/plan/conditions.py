@@ -124,13 +124,17 @@ class Conditions(OnAxes):
         *,
         vehicle: Vehicle | None = None,
         spectrum: Curve | None = None,
+        infrared: str | None = None,
     ) -> Exposure:
         """The simulator's exposure, with ``camera`` changed where the conditions specify its lens.
 
         Automatic gain and exposure are 0 dB and 1 ms here, until the picture is metered. vehicle: the one that drives
-        at the ego speed, by default the usual one. spectrum: of the illuminant "own". Raises ``ValueError`` where
-        there is none.
+        at the ego speed, by default the usual one. spectrum: of the illuminant "own". infrared: a lamp beside the
+        light, see :func:`blurnoise.camera.spectra.with_infrared`. Raises ``ValueError`` where there is no spectrum,
+        and for a camera that does not see the lamp.
         """
+        from blurnoise.camera import radiometry
+        from blurnoise.camera.spectra import with_infrared
         from blurnoise.motion.ego import USUAL_VEHICLE
         from blurnoise.scene.exposure import Exposure
 
@@ -151,6 +155,10 @@ class Conditions(OnAxes):
             if spectrum is None:
                 raise ValueError(f"illuminant = {OWN_SPECTRUM}: needs a CSV file of nm and power")
             fields[SPECTRUM.into] = spectrum
+        if infrared:
+            radiometry.check_sees(camera, infrared)
+            lit = fields.get(SPECTRUM.into, "D55"), self["illuminance_lux"], infrared
+            fields[SPECTRUM.into] = with_infrared(*lit)
         return Exposure(with_lens(camera, **lens), **fields, seed=seed, vehicle=vehicle or USUAL_VEHICLE)
 
 

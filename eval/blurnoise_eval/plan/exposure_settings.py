@@ -55,8 +55,8 @@ class ExposureSettings(Settings):
     grid: by axis, values in SI units. In files and options each axis of ``AXES`` is a setting of its own, in the
     option's unit, with the axis's default. light: named lights, in place of values of ``illuminance_lux``: the grid
     has theirs, and conditions of each have its spectrum (and headlamps), unless the grid has these. own_spectrum: the
-    illuminant "own", which a CSV file among the illuminants becomes. lit: targets in headlamps. vehicle: drives at
-    the speeds on the axis ``ego_speed_m_s``, and carries camera and headlamps.
+    illuminant "own", which a CSV file among the illuminants becomes. infrared: a lamp beside the light. lit: targets
+    in headlamps. vehicle: drives at the speeds on the axis ``ego_speed_m_s``, and carries camera and headlamps.
     auto_exposure: sets gain and exposure where they are automatic. trajectory: motion in addition to the velocity.
     grey_anchor: the part of a picture that reflects 18 %; None: brightness is reflectance. picture_tone: the curve
     that codes pictures. hdr_white: the light that is white in the merged picture of a camera of several captures.
@@ -72,6 +72,12 @@ class ExposureSettings(Settings):
     lit: LitTargets = nested(LitTargets)
     light: tuple[Light, ...] = ()
     own_spectrum: Curve | None = None
+    infrared: str | None = setting(
+        None,
+        "lamp in near infrared beside the light of lux, which do not count it: its wavelength, 850 or 940 nm, and "
+        "its irradiance on the scene, W/m2",
+        "NM:W/M2",
+    )
     vehicle: Vehicle | None = setting(
         None, "position and orientation of the camera on a vehicle that drives (ego_kmh), or has headlamps"
     )
@@ -177,6 +183,14 @@ class ExposureSettings(Settings):
 
     def _check_light(self) -> None:
         """Give the grid the lux of the lights. Raises ``ValueError`` where it has others."""
+        if self.infrared is not None:
+            from blurnoise.camera.spectra import check_infrared
+
+            check_infrared(self.infrared)
+            if self.beams:
+                raise ValueError(
+                    "infrared, headlamp: must not be combined; headlamps multiply all light of the scene"
+                )
         if self.light:
             lux = tuple(light.lux for light in self.light)
             if not set(self.values(LIGHT.name)) <= set(lux):

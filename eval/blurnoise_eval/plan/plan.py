@@ -216,6 +216,8 @@ class SweepPlan(ExposureSettings):
             values["hdr_white"] = self.hdr_white
         if self.own_spectrum is not None:
             values["own_spectrum"] = asdict(self.own_spectrum)
+        if self.infrared is not None:
+            values["infrared"] = self.infrared
         if self.light:
             values["light"] = [asdict(light) for light in self.light]
         if self.direction is not None:

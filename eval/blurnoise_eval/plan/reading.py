@@ -80,10 +80,13 @@ def spectra_of(given: Any) -> tuple[list[Any], Curve | None]:
 
     Raises ``ValueError`` for several files, ``OSError`` for one that cannot be read.
     """
-    from blurnoise.camera.spectra import Curve, check_illuminant
+    from blurnoise.camera.spectra import Curve, check_illuminant, refuse_infrared
 
     listed = given if isinstance(given, list | tuple) else [given]
     parts = [part for each in listed for part in (each.split(",") if isinstance(each, str) else [each])]
+    for part in parts:
+        if isinstance(part, str):
+            refuse_infrared(part)
     files = [
         part.strip() for part in parts if isinstance(part, str) and part.strip().lower().endswith(".csv")
     ]

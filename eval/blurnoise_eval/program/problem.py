@@ -88,6 +88,10 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])
         raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
+    if run.plan.infrared:
+        raise ValueError(
+            f"{where}: has a lamp in near infrared; a program needs light that is proportional to lux"
+        )
     conditions = Conditions(exposure_s=0.01, illuminance_lux=1.0, **{**setting, HEADLAMP.name: 0.0})
     exposure = conditions.exposure(run.camera, spectrum=run.plan.own_spectrum)
     camera, lit_by = exposure.camera, exposure.illuminant

@@ -223,7 +223,9 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
     height, width = scene.image8.shape[:2]
     exposures = []
     for cell, at in exposed:
-        exposure = at.exposure(camera, cell.seed, vehicle=plan.vehicle, spectrum=plan.own_spectrum)
+        exposure = at.exposure(
+            camera, cell.seed, vehicle=plan.vehicle, spectrum=plan.own_spectrum, infrared=plan.infrared
+        )
         if at.automatic:
             exposure_s = math.nan if "exposure_s" in at.automatic else exposure.exposure_s
             exposure = replace(exposure, exposure_s=exposure_s, gain_db=plan.auto_exposure).metered(
@@ -339,7 +341,9 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
         path = stated.of(camera, size, longest_s, plan.seed)
         path.window(-half_s, half_s)
     for at in plan.conditions():
-        exposure = at.exposure(camera, vehicle=plan.vehicle, spectrum=plan.own_spectrum)
+        exposure = at.exposure(
+            camera, vehicle=plan.vehicle, spectrum=plan.own_spectrum, infrared=plan.infrared
+        )
         exposure = replace(exposure, trajectory=path)
         if "exposure_s" in at.automatic:
             exposure = replace(exposure, exposure_s=longest_first_s(camera.sensor.captures, plan.longest_s))

@@ -152,7 +152,12 @@ class Setup:
     def exposure(self, at: Mapping[str, Any]) -> Exposure:
         """The exposure under the conditions of a row, which is not of an original picture."""
         conditions = Conditions(**{name: at[name] for name in NAMES})
-        return conditions.exposure(self.camera, vehicle=self.plan.vehicle, spectrum=self.plan.own_spectrum)
+        return conditions.exposure(
+            self.camera,
+            vehicle=self.plan.vehicle,
+            spectrum=self.plan.own_spectrum,
+            infrared=self.plan.infrared,
+        )
 
     def cell_of(self, row: CellRow) -> Cell:
         """The cell of a row, which is not of an original picture.

@@ -52,7 +52,11 @@ def opened(config: SceneFile, light: Tensor, camera: Camera) -> Opened:
     _check_motion(config, at)
     config.check_headlamps(config.emitters)
     exposure = at.exposure(
-        _camera(config, camera), config.seed, vehicle=config.vehicle, spectrum=config.own_spectrum
+        _camera(config, camera),
+        config.seed,
+        vehicle=config.vehicle,
+        spectrum=config.own_spectrum,
+        infrared=config.infrared,
     )
     cut = _cut(config, light)
     lit = _headlit(config, light, exposure, cut)

@@ -5,7 +5,7 @@ import pytest
 
 from blurnoise import Camera, Curve, photoelectrons
 from blurnoise.camera import spectra
-from blurnoise.camera.radiometry import electrons_per_lux_s, filter_electrons
+from blurnoise.camera.radiometry import colour_shares, electrons_per_lux_s, filter_electrons
 
 IMX250C = Camera.preset("imx250c")
 # Electrons behind the filters of imx250c at equal lux, relative to D55: red, green, blue; by a separate
@@ -84,16 +84,65 @@ def test_names_are_listed_where_one_is_wrong():
         spectra.check_illuminant("street")
 
 
-def test_infrared_is_not_counted_and_said_of_a_camera_without_colours():
-    grey = Camera.preset("imx250m").with_figures(f_number=3.3)  # whose electrons nobody has computed
-    with pytest.warns(UserWarning, match=r"infrared is not counted.* 2\.9 times"):
-        electrons_per_lux_s(grey, "halogen")
+GREY = Camera.preset("imx250m")
+SILICON = Curve((400.0, 500.0, 600.0, 700.0, 800.0, 900.0, 1000.0), (0.45, 0.6, 0.5, 0.4, 0.25, 0.12, 0.03))
+CUT = "state infrared_cut_nm if the camera has such a filter"
+SAID = {
+    "light beyond the curve": (
+        {"f_number": 3.3},
+        "halogen",
+        rf"ends at 800 nm; this light has 1\.2 times .*; {CUT}",
+    ),
+    "a plain number": ({"quantum_efficiency": 0.5}, "halogen", r"ends at 700 nm; this light has 2\.9 times"),
+    "curve beyond the light": (
+        {"quantum_efficiency": SILICON},
+        "D55",
+        "spectrum ends at 830 nm, .* at 1000 nm; infra",
+    ),
+}
 
 
-@pytest.mark.parametrize(("camera", "name"), [("imx250m", "led-4000"), ("imx250c", "halogen")])
+@pytest.mark.parametrize(("figures", "name", "said"), SAID.values(), ids=SAID)
+def test_infrared_that_is_not_counted_is_said(figures, name, said):
+    with pytest.warns(UserWarning, match=said):
+        electrons_per_lux_s(GREY.with_figures(**figures), name)
+
+
+@pytest.mark.parametrize(
+    ("camera", "name"),
+    [
+        (GREY, "led-4000"),
+        (IMX250C, "halogen"),
+        (GREY.with_figures(infrared_cut_nm=700.0), "halogen"),
+        (GREY.with_figures(quantum_efficiency=SILICON), "planck:2856"),
+    ],
+)
 def test_no_word_on_infrared_elsewhere(camera, name, recwarn):
-    electrons_per_lux_s(Camera.preset(camera).with_figures(f_number=3.4), name)
+    electrons_per_lux_s(camera.with_figures(f_number=3.4), name)
     assert not recwarn.list
+
+
+# CIE's daylight to 830 nm, Planck's law to 1000 nm.
+@pytest.mark.parametrize(("name", "lost"), [("D55", 0.217), ("planck:2856", 0.575)])
+@pytest.mark.filterwarnings("ignore:imx250m")
+def test_light_counts_to_the_end_of_the_curve(name, lost):
+    """Behind a filter at 700 nm a monochrome camera loses 22 % of daylight, and more than half of tungsten's."""
+    whole = GREY.with_figures(quantum_efficiency=SILICON)
+    filtered = whole.with_figures(infrared_cut_nm=700.0)
+    nm = np.arange(360.0, 1001.0)
+    photons = spectra.illuminant(name).at(nm) * SILICON.at(nm) * nm
+    assert photons[nm >= 700].sum() / photons.sum() == pytest.approx(lost, abs=0.005)
+    of_filtered = electrons_per_lux_s(filtered, name) / electrons_per_lux_s(whole, name)
+    assert 1 - of_filtered == pytest.approx(lost, abs=0.005)
+
+
+def test_a_filter_cuts_a_plain_number_and_the_red_of_pictures():
+    """Half of the light from 580 to 700 nm is from 580 to 640, where the light has the same photons at each nm."""
+    even = Curve((380.0, 780.0), (1 / 380.0, 1 / 780.0))
+    grey = GREY.with_figures(quantum_efficiency=0.5, infrared_cut_nm=640.0)
+    red, green, blue = colour_shares(grey, even)
+    assert (red, green, blue) == pytest.approx((60 / 240, 90 / 240, 90 / 240), rel=0.15)
+    assert colour_shares(grey.with_figures(infrared_cut_nm=500.0), even)[0] == 0
 
 
 def test_infrared_of_black_bodies_by_planck():

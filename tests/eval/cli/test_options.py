@@ -40,7 +40,7 @@ def params(name):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_options_are_few_and_each_is_explained(name):
-    axes = {axis.option for axis in AXES} | {"--light"}  # another spelling of --lux
+    axes = {axis.option for axis in AXES} | {"--light", "--infrared"}  # in place of lux, and beside them
     further = [param for param in params(name) if not axes.intersection(param.opts)]
     assert len(further) <= MOST_BESIDE_AXES.get(name, 14)
     assert all(param.help for param in params(name))

@@ -32,7 +32,7 @@ def test_simulate_takes_it_out(tmp_path, scene, capsys, monkeypatch):
     usual = ("--camera", "imx250m", "--exposure-ms", 20, "--lux", 20, "--bit-depth", "native", "--seed", 5)
     told(capsys, "simulate", "light.png", "-o", "truth.png", "--picture-tone", "linear", *usual)
     truth = decode(tmp_path / "truth.png").astype(float)
-    black, per_white = 240.0, 3855 / 10715 * 20 * 0.02 * 6906.0
+    black, per_white = 240.0, 3855 / 10715 * 20 * 0.02 * 8782.0
     assert truth.mean() == pytest.approx(black + per_white * scene.mean(), rel=0.02)
     for place, tone in enumerate((TEXT, "mine.yaml")):
         told(capsys, "simulate", "coded.png", "-o", f"{place}.png", "--picture-tone", tone, *usual)

@@ -81,8 +81,8 @@ def stored(name="out.png"):
 
 
 def taken(capsys, picture, words):
-    """What is said, and the picture; of imx250m, unless the words name a camera."""
-    camera = "" if "--camera" in words else "--camera imx250m"
+    """What is said, and the picture; of imx250 in one plane, unless the words name a camera."""
+    camera = "" if "--camera" in words else "--camera mono.yaml"
     return told(capsys, "simulate", picture, "-o", "out.png", *words.split(), *camera.split()), stored()
 
 
@@ -152,6 +152,17 @@ def test_a_named_light_is_told_as_it_shines(capsys, words, light):
     Path("lamp.csv").write_text("400,1\n700,2\n")
     facts, _ = taken(capsys, "street.png", f"{words} --camera imx250c")
     assert facts["light"] == light
+
+
+def test_a_lamp_in_infrared(capsys):
+    """50.34 photons per um^2, ms, uW/cm^2 and um behind f/1.4, half of them electrons; starlight is nothing."""
+    Path("nir.yaml").write_text(
+        "{base: imx250m, quantum_efficiency: {wavelengths_nm: [400, 1000], values: [0.5, 0.5]}}"
+    )
+    words = "--camera nir.yaml --exposure-ms 4 --lux 1e-5 --infrared 940:0.05"
+    facts, _ = taken(capsys, "street.png", words)
+    electrons = 0.5 * 50.34 * 3.45**2 * 4 * 0.94 * 5 / (4 * 1.4**2)
+    assert facts["white_electrons"] == pytest.approx(electrons, rel=2e-3)
 
 
 def test_it_explains_what_it_models(capsys):

@@ -7,7 +7,8 @@ from blurnoise_eval.plan.axes import OWN_SPECTRUM, SPECTRUM, axis
 from blurnoise_eval.plan.files import PlanFile, SceneFile
 from blurnoise_eval.plan.plan import SweepPlan
 
-from blurnoise import Camera
+from blurnoise import Camera, Curve
+from blurnoise.camera.spectra import with_infrared
 
 IMX250 = Camera.preset("imx250")
 ASKED = {"exposure_ms": "2,10", "dx": 0, "gain": "0"}
@@ -130,6 +131,32 @@ def test_an_own_spectrum_travels_with_the_plan(tmp_path):
     assert exposure.illuminant == plan.own_spectrum
     with pytest.raises(ValueError, match="illuminant = own: needs"):
         own[0].exposure(IMX250)
+
+
+def test_an_infrared_lamp_travels_with_the_plan():
+    """Beside the lux and spectrum of each condition, for a camera that sees it."""
+    plan = SweepPlan.of({**ASKED, "lux": "1,5", "illuminant": "D65", "infrared": "850:0.1"})
+    again = SweepPlan.from_dict(json.loads(json.dumps(plan.to_dict())))
+    camera = IMX250.with_figures(infrared_cut_nm=0.0, quantum_efficiency=Curve((400.0, 1000.0), (0.5, 0.5)))
+    for at in again.conditions():
+        lit = at.exposure(camera, infrared=again.infrared).illuminant
+        assert lit == with_infrared("D65", at.illuminance_lux, "850:0.1")
+    with pytest.raises(ValueError, match="imx250 sees nothing from 700 nm on"):
+        again.conditions()[0].exposure(IMX250, infrared=again.infrared)
+    assert "infrared" not in SweepPlan.of(ASKED).to_dict()
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        ({"infrared": "850"}, "infrared = '850': must be NM:IRRADIANCE"),
+        ({"infrared": "850:1", "headlamp": "low"}, "infrared, headlamp: must not be combined"),
+        ({"lux": 5, "illuminant": "led-850"}, "illuminant = 'led-850': is infrared, which lux do not count"),
+    ],
+)
+def test_infrared_that_no_plan_can_have(asked, why):
+    with pytest.raises(ValueError, match=why):
+        SweepPlan.of({**ASKED, **asked})
 
 
 def test_a_scene_has_one_light():
