@@ -229,7 +229,7 @@ def _grouped(jacobian: Floats, residuals: Floats, groups: Sequence[NDArray[np.in
     for group in groups:
         part = jacobian[group]
         left = np.eye(len(group)) - part @ inverse @ part.T
-        changes.append(inverse @ part.T @ np.linalg.solve(left, residuals[group]))
+        changes.append(inverse @ part.T @ np.linalg.pinv(left) @ residuals[group])
     count = len(groups)
     off = np.array(changes) - np.mean(changes, 0)
     few = (student.ppf(0.975, count - 1) / Z) ** 2  # so that 1.96 deviations are 95 %

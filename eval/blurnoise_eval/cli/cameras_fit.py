@@ -71,6 +71,9 @@ def cameras_fit(
     temperature_c: Annotated[
         float | None, Option(metavar="C", help="temperature of the sensor, °C (default: from the frames)")
     ] = None,
+    strict: Annotated[
+        bool, Option("--strict", help="write nothing if simulated frames of the camera miss the frames")
+    ] = False,
 ) -> None:
     """Measure your own camera and write a camera file for --camera.
 
@@ -81,7 +84,8 @@ def cameras_fit(
       blurnoise cameras fit --tone bracket/ --base mine.yaml -o toned.yaml
 
     Measured are gain, read noise, dark current, black level, saturation, PRNU, DSNU and linearity, each with a 95 %
-    interval. Plots are written beside the camera file, as mine.png.
+    interval. Plots are written beside the camera file, as mine.png. The camera is tried on its own frames: what
+    simulated frames of all levels miss is printed.
 
     Frames hold the raw numbers of the sensor. Dark frames: lens covered. Flat frames: uniform, constant light, not
     clipped. Take about eight exposures with two frames each. A few saturated frames give the full well.
@@ -125,7 +129,7 @@ def cameras_fit(
     of_frames["leave_out"] = leave_out
     of_frames |= {"bit_depth": bit_depth} if libcamera is None else {}
     if folder is None:
-        inputs.refuse_unused(of_frames, "a folder of frames")
+        inputs.refuse_unused(of_frames | {"strict": strict or None}, "a folder of frames")
     # Tuning files and tone curves are those of colour cameras as a rule.
     base = base or ("imx250" if folder or dng else "imx250c")
     if libcamera and libcamera.stem in PRESETS:
@@ -151,6 +155,7 @@ def cameras_fit(
         from blurnoise_eval.calibration import figure, light
         from blurnoise_eval.calibration.fit import measure
         from blurnoise_eval.calibration.formats import RawLayout
+        from blurnoise_eval.measure.trial import misses
         from blurnoise_eval.system.files import write_figure
 
         layout = RawLayout.parse(raw_layout) if raw_layout else None
@@ -158,6 +163,9 @@ def cameras_fit(
         camera = to_camera.camera_of(measurement, output.stem, base=base, temperature_c=temperature_c)
         lux = light.of_grey_card(measurement, camera, grey_card)
         camera = to_camera.changed(camera, lux)
+        missed = misses(measurement, camera)
+        if strict and missed:
+            raise ValueError(f"--strict: {'; '.join(missed)}; nothing was written")
         if plot:
             write_figure(plot, figure.draw_fit(measurement, camera.name), dpi=150)
         table = _table(measurement)
@@ -165,6 +173,7 @@ def cameras_fit(
             filters = f"the camera file has the colour filters {camera.sensor.cfa} of its base"
             notes.append(f"{filters}; use --base imx250c for RGGB")
         notes += [*(f"warning: {doubt.text}" for doubt in measurement.doubts), *measurement.notes]
+        notes += missed
         notes += [f"{name}: {source}" for name, (_, source) in lux.items()]
     if curve is not None:
         camera = to_camera.changed(camera, curve.known)
