@@ -15,7 +15,7 @@ from blurnoise_eval.program import registers
 from blurnoise_eval.program.drivers import DRIVERS, Cap, comment, document_lines
 from blurnoise_eval.program.limit import ExposureCap, SpeedEffect
 from blurnoise_eval.program.stepping import Reached, apart, beside_promised, daylight, reached
-from blurnoise_eval.program.words import lights_text, lux_text, score_text
+from blurnoise_eval.program.words import lights_text, lux_text, score_text, too_few
 from blurnoise_eval.report.words import counted, keeps, reached_text
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.terminal import PROSE, paragraph, table_lines
@@ -92,7 +92,7 @@ def sentence(limit: ExposureCap) -> str:
         return f"No cap below {milliseconds(limit.longest_s)} ms, the longest exposure, is better. {over}."
     same = ""
     if not _told(limit):
-        same = f"; {counted(len(limit.problem.clusters), 'picture')} are too few to tell caps apart"
+        same = f"; {too_few(len(limit.problem.clusters))} to tell caps apart"
     elif limit.to_s > limit.from_s:
         ends = f"{milliseconds(limit.from_s)} to {milliseconds(limit.to_s)}"
         same = f"; the pictures cannot tell caps from {ends} ms apart"
@@ -180,6 +180,7 @@ def document(
         "camera": inputs.metering.camera.name,
         "limits": limit.problem.limits.words,
         "notes": list(notes),
+        "one_axis": inputs.one_axis and inputs.one_axis._asdict(),
         "limit_s": limit.limit_s,
         "limit_us": cap.us,
         "limit_from_s": limit.from_s,

@@ -116,8 +116,8 @@ def optimise(problem: Problem) -> Program:
     most_worth = programs[-1][1]
     fewest = next(stages for stages, worth in programs if worth >= most_worth - MOST_LOSS * len(lights))
     schedule = scheduled(extended(fewest))
-    if None in schedule.values:
-        raise problem.nothing_left([lights[schedule.values.index(None)]])
+    if without := [light for light, value in zip(lights, schedule.values, strict=True) if value is None]:
+        raise problem.nothing_left([without[0], without[-1]])
     fixed_s = _best_fixed_s(problem, objective)
     low, high = interval_of(problem, schedule)
     # The steps of the lattice, and the cost of gain, can make fewer stages worth a little more than any number.

@@ -18,13 +18,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise.light.lights import Light
 from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.table import LEAST_KNOWN, ScoreTable
 from blurnoise_eval.plan.axes import EGO, FURTHER, HEADLAMP, LIGHT, LIT, SPECTRUM, axis, milliseconds
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.program.by_speed import BySpeed, OnPlane
+from blurnoise_eval.program.grounds import OneAxis, unmeasured
 from blurnoise_eval.program.metering_by_light import MeteringByLight
 from blurnoise_eval.program.scenario import ExposureLimits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.program.words import lux_text
+from blurnoise_eval.report.findings import unfinished
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search_space import SearchSpace, what_breaks
 from blurnoise_eval.run.surface import Predicted, Trend
@@ -45,6 +48,7 @@ class Inputs:
     planes: its score by kind of target, on the plane or by speed. scenario: the lights, speeds and targets of the
     run, with equal shares. exposures_s: the shortest and the longest of the run. recommended_s: the exposure that the
     run's report recommends for all conditions. notes: what was left out or assumed. lights: the run's named ones.
+    one_axis: of a run on the plane.
     """
 
     model: str
@@ -56,6 +60,7 @@ class Inputs:
     recommended_s: float | None = None
     notes: tuple[str, ...] = ()
     lights: tuple[Light, ...] = ()
+    one_axis: OneAxis | None = None
 
     @cached_property
     def known(self) -> dict[str, OnPlane | BySpeed]:
@@ -84,6 +89,10 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
     # in the dark every exposure gives the same picture, and the logarithm of the light has no end
     space = SearchSpace({**grid, LIGHT.name: [lux for lux in grid[LIGHT.name] if lux]})
     _check(run, space)
+    _check_kept(run, tables)
+    with run.store as store:
+        if missing := run.setup.missing_cells(store):
+            notes.insert(0, unfinished(missing))
     setting = {name: float(tables[0].conditions[name][0]) for name in FURTHER}
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])
@@ -98,6 +107,7 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
     because = what_breaks(camera, space, run.plan.trajectory, pulsed=run.plan.pulsed)
     trend = Trend.of(camera, lit_by)
     planes: dict[str, Predicted | BySpeed]
+    one_axis = None
     if because:
         by_speed = {table.group: BySpeed.of(table, trend) for table in tables}
         planes = {**by_speed}
@@ -105,8 +115,10 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
             "scores are those of each tested speed, interpolated over exposure and light, because "
             f"lux x seconds alone does not tell them: {'; '.join(because)}"
         )
-        notes += _between(run, next(iter(by_speed.values())))
+        notes += unmeasured([*by_speed.values()], run.plan.light)
     else:
+        one_axis = OneAxis.of(tables)
+        notes.append(one_axis.text)
         planes = {plane.group: Predicted(plane, trend) for table in tables for plane in table.on_plane()}
     metering, unsure = _metering(run, name, Metering(camera, GREY, setting["temperature_c"], lit_by))
     notes += unsure
@@ -130,6 +142,7 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
         recommended_s=None if choice is None else choice.exposure_s,
         notes=tuple(notes),
         lights=run.plan.light,
+        one_axis=one_axis,
     )
 
 
@@ -152,6 +165,17 @@ def _check(run: Run, space: SearchSpace) -> None:
         raise ValueError(f"run = {str(run.folder)!r}: cannot give a program: {'; '.join(reasons)}")
 
 
+def _check_kept(run: Run, tables: Sequence[ScoreTable]) -> None:
+    """Raise ``ValueError`` where no exposure is better than another, because none keeps enough to compare."""
+    most = max(float(np.nanmax(table.mean, initial=0.0)) for table in tables)
+    if most < LEAST_KNOWN:
+        kept, noun = "kept" if run.criterion.kept else "found", run.criterion.noun
+        raise ValueError(
+            f"run = {str(run.folder)!r}: next to nothing was {kept} at any exposure ({noun} at most {most:.3f}), "
+            "so that none can be recommended"
+        )
+
+
 def _metering(run: Run, model: str, base: Metering) -> tuple[Metering, list[str]]:
     """The metering of the run's pictures, and what is assumed of it."""
     with run.store as store:
@@ -167,23 +191,6 @@ def _metering(run: Run, model: str, base: Metering) -> tuple[Metering, list[str]
         return metered, []
     return base, [
         f"the gains of the run do not show how bright its pictures are; {GREY:g} of white is assumed"
-    ]
-
-
-def _between(run: Run, known: BySpeed) -> list[str]:
-    """Where nothing shows how wrong the scores between two lights are, if anywhere."""
-    names = {light.lux: f"{light.name}, " for light in run.plan.light}
-    spans = []
-    for dark, bright in known.unknown:
-        which = f"{names.get(dark, '')}{names.get(bright, '')}"
-        alike = known.kinds[dark] == known.kinds[bright]
-        why = which + ("no third of their kind" if alike else "of other spectrum or headlamps")
-        spans.append(f"between {dark:.6g} and {bright:.6g} lux ({why})")
-    if not spans:
-        return []
-    return [
-        f"{', '.join(spans)} nothing was measured: exposures, gains and scores go from one light to the other, "
-        "and intervals are as wide as the scores around differ"
     ]
 
 
@@ -265,6 +272,8 @@ class Problem:
 
     def nothing_left(self, lights_lux: Sequence[float]) -> ValueError:
         """The error where no exposure is left at these lights."""
+        if beyond := self._beyond_tested(lights_lux):
+            return ValueError(beyond)
         (light_low, motion_low), (light_high, motion_high) = self._range
         lights = ":".join(dict.fromkeys(f"{light:g}" for light in lights_lux))
         unit, speeds = self.scenario.speed_unit, ", ".join(f"{each:g}" for each in self.scenario.speeds_px_s)
@@ -276,6 +285,25 @@ class Problem:
             f"light; {', '.join(self.limits.words)}; the run covers light x exposure {lux_text(light_low, 3)} to "
             f"{lux_text(light_high, 3)} lux s, {covered}"
         )
+
+    def _beyond_tested(self, lights_lux: Sequence[float]) -> str:
+        """What the brightest and the darkest of these lights ask for, if they were tested, but not such exposures."""
+        shortest_s, longest_s = self.inputs.exposures_s
+        tested, limits = self.inputs.scenario.lights_lux, self.limits
+        for lux in sorted({min(lights_lux), max(lights_lux)}, reverse=True):
+            total_s = self.inputs.metering.total_s(lux)
+            most_s, lamps_s = limits.settled(total_s), limits.shortest_s
+            least_s = max(total_s / 10 ** (limits.gain_max_db / 20), lamps_s if total_s >= lamps_s else 0.0)
+            at = f"at {lux_text(lux)} lux the metering"
+            if total_s > limits.limit_s or least_s > longest_s:
+                at += f", with {', '.join(limits.words)},"
+            if tested[0] <= lux <= tested[-1] and most_s < shortest_s:
+                wants = f"{at} wants {milliseconds(most_s)} ms, the shortest tested is {milliseconds(shortest_s)} ms"
+                return f"lux: test shorter exposures: {wants}"
+            if tested[0] <= lux <= tested[-1] and least_s > longest_s:
+                wants = f"{at} wants {milliseconds(least_s)} ms, the longest tested is {milliseconds(longest_s)} ms"
+                return f"lux: test longer exposures: {wants}"
+        return ""
 
     def predicted(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> list[tuple[Array, Array]]:
         """For each case the sums of scores and the counts of targets by cluster, (C, M) each; NaN where the run has

@@ -24,7 +24,7 @@ from blurnoise_eval.program import registers
 from blurnoise_eval.program.drivers import DRIVERS
 from blurnoise_eval.program.optimise import Program, Stages
 from blurnoise_eval.program.stepping import Division, beside_promised, daylight, reached, stepped
-from blurnoise_eval.program.words import lights_text, lux_text, score_text
+from blurnoise_eval.program.words import lights_text, lux_text, score_text, too_few
 from blurnoise_eval.report.words import counted, keeps, reached_text
 from blurnoise_eval.system.files import write_figure, write_whole
 from blurnoise_eval.system.tables import csv_lines
@@ -108,7 +108,7 @@ def sentence(program: Program) -> str:
     start = f"{lights_text(lights)} this program {does}."
     pictures = counted(len(problem.clusters), "picture")
     if program.regret_95 is None:
-        return f"{start} {pictures} are too few to say how much better another program could be."
+        return f"{start} {too_few(len(problem.clusters))} to say how much better another program could be."
     if program.regret_95 < _LEAST_SHOWN:
         return f"{start} No other program within these limits is better (95 %, {pictures})."
     return f"{start} No other program is better by more than {program.regret_95:.3f} (95 %, {pictures})."
@@ -226,6 +226,7 @@ def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]
         "scenario": {**asdict(problem.scenario), "speeds_px_s": speeds},
         "limits": problem.limits.words,
         "notes": list(notes),
+        "one_axis": inputs.one_axis and inputs.one_axis._asdict(),
         "value": program.schedule.value,
         "worst_speed": program.schedule.worst_speed,
         "value_low": program.low,

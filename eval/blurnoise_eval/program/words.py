@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from blurnoise_eval.report.words import counted
+
 
 def lux_text(light_lux: float, digits: int = 4) -> str:
     """So many digits, without powers of ten.
@@ -22,6 +24,15 @@ def lights_text(lights_lux: Sequence[float]) -> str:
     """
     dark, bright = lux_text(lights_lux[0]), lux_text(lights_lux[-1])
     return f"At {dark} lux" if dark == bright else f"From {dark} to {bright} lux"
+
+
+def too_few(pictures: int) -> str:
+    """The beginning of a sentence on pictures.
+
+    >>> too_few(1), too_few(7)
+    ('1 picture is too few', '7 pictures are too few')
+    """
+    return f"{counted(pictures, 'picture')} {'is' if pictures == 1 else 'are'} too few"
 
 
 def score_text(value: float | None) -> str:

@@ -25,10 +25,7 @@ def alarms(data: RunData) -> list[str]:
     """What makes the whole answer of a model doubtful."""
     lines = []
     if missing := data.manifest["missing_cells"]:
-        lines.append(
-            f"The run is not finished: {counted(missing, 'cell')} missing. "
-            "Repeat the command of the sweep to compute the rest."
-        )
+        lines.append(unfinished(missing))
     for model in data.manifest["models"]:
         name = model["name"]
         if count := model.get("non_finite_values"):
@@ -41,6 +38,18 @@ def alarms(data: RunData) -> list[str]:
         for row in data.manifest["errors"]
     )
     return lines + _first(failed, "further kinds of error; see results.csv")
+
+
+def unfinished(missing_cells: int) -> str:
+    """What is said of a run that was stopped.
+
+    >>> unfinished(2)
+    'The run is not finished: 2 cells missing. Repeat the command of the sweep to compute the rest.'
+    """
+    return (
+        f"The run is not finished: {counted(missing_cells, 'cell')} missing. "
+        "Repeat the command of the sweep to compute the rest."
+    )
 
 
 def _first(lines: Iterable[str], more: str) -> list[str]:

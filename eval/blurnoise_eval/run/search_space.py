@@ -165,7 +165,10 @@ def _of_time_alone(camera: Camera, space: SearchSpace, *, moving: bool) -> list[
     ]
     at = f"in {1e3 * longest_s:g} ms at {temperature_c:g} °C"
     kept = {effect.name: effect.contribution_dn for effect in effects if effect.kept}
-    return [f"{name} depends on the exposure time alone ({dn:.2g} DN {at})" for name, dn in kept.items()]
+    return [
+        f"{name} depends on the exposure time alone ({float(f'{dn:.2g}'):g} DN {at})"
+        for name, dn in kept.items()
+    ]
 
 
 def direction_of_all(lines: Sequence[SearchLine]) -> tuple[float, float]:

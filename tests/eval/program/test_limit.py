@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blurnoise_eval.program import limit_report
+from blurnoise_eval.program.grounds import OneAxis
 from blurnoise_eval.program.limit import best_limit, saturated_at, under_cap
 from blurnoise_eval.program.optimise import optimise
 from blurnoise_eval.program.scenario import ExposureLimits, Metering, half_stops
@@ -119,6 +120,13 @@ def test_files_have_the_cap_in_whole_us(limit, tmp_path):
     written = json.loads((tmp_path / "limit.json").read_text())
     assert written["limit_us"] == int(1e6 * limit.limit_s)
     assert f"# Cap of the exposure time: {written['limit_us']} us" in (tmp_path / "limit.txt").read_text()
+
+
+def test_the_document_has_what_shows_that_lux_x_seconds_is_one_axis(limit):
+    shown = OneAxis(3, 0.01, -0.02, 0.04)
+    problem = replace(limit.problem, inputs=replace(limit.problem.inputs, one_axis=shown))
+    written = limit_report.document(replace(limit, problem=problem), None, "run")["one_axis"]
+    assert written == {"pairs": 3, "difference": 0.01, "low": -0.02, "high": 0.04}
 
 
 def with_camera(limit, name, **limits):

@@ -121,6 +121,11 @@ def test_a_rolling_shutter_breaks_the_plane_where_anything_moves(row_time_s):
     assert what_breaks(rolling, SearchSpace({**ONE_WAY, **still})) == []
 
 
+def test_full_scale_is_said_without_powers_of_ten():
+    (reason,) = what_breaks(CAMERA.with_figures(shutter="rolling", row_time_s=5e-5), SearchSpace(ONE_WAY))
+    assert "(3900 DN in 90 ms at 25 °C)" in reason
+
+
 def test_lamps_and_captures_that_break_the_plane():
     """Captures one after the other last in proportion to the first; one with a start of its own does not."""
     found = what_breaks(CAMERA, SearchSpace(ONE_WAY), pulsed=True)
