@@ -17,7 +17,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, groupby
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -118,6 +119,15 @@ def corrected(score: WithInterval, bias: float) -> WithInterval:
     return WithInterval(value, low, score.high)
 
 
+class Scope(NamedTuple):
+    """Conditions, by index, for which one exposure is recommended. light: None for all; speed: None for several."""
+
+    name: str
+    light: Setting | None
+    speed: float | None
+    members: Sequence[int]
+
+
 @dataclass(frozen=True, eq=False)
 class Choice:
     """An exposure for some conditions.
@@ -179,7 +189,7 @@ class Averages:
         high end stays, as the bias is itself uncertain. The interval takes errors of prediction as if they were all
         alike.
         """
-        every, mean, share = self._line(range(len(self.settings)) if conditions is None else conditions)
+        every, mean, share = self.line(range(len(self.settings)) if conditions is None else conditions)
         tested = np.flatnonzero(np.isfinite(mean))
         if not len(tested):
             return None
@@ -220,6 +230,18 @@ class Averages:
             n_fails=verdicts.count(FAILS),
         )
 
+    def scopes(self) -> list[Scope]:
+        """The conditions for which an exposure is recommended: all, each light over all speeds, each speed there."""
+        lights, speeds = [_without(setting, _GAIN, _EGO) for setting in self.settings], self.speeds
+        every = [Scope("all", None, None, range(len(lights)))]
+        for light in sorted(set(lights)):
+            here = [index for index, each in enumerate(lights) if each == light]
+            every.append(Scope("light", light, None, here))
+            for speed in sorted({speeds[index] for index in here}):
+                of_speed = [index for index in here if speeds[index] == speed]
+                every.append(Scope("condition", light, speed, of_speed))
+        return every
+
     def next_exposure(self) -> float | None:
         """The exposure to test next under all conditions, nearer to the one that keeps most; None where it is near.
 
@@ -227,7 +249,7 @@ class Averages:
         them; else the middle of the wider gap between the best and a neighbour that keeps less, where that is wider
         than ``WIDE`` or, beside one that saturates, which comes first, than a third of a stop.
         """
-        _, mean, share = self._line(range(len(self.settings)))
+        _, mean, share = self.line(range(len(self.settings)))
         counted = without_saturated(mean, share, self.level)
         tested = np.flatnonzero(np.isfinite(counted))
         x, y = np.log2(np.array(self.exposures_s)[tested]), counted[tested]
@@ -257,7 +279,7 @@ class Averages:
             return None
         return float(f"{exposure_s:.3g}")
 
-    def _line(self, places: Iterable[int]) -> tuple[Places, Array, Array]:
+    def line(self, places: Iterable[int]) -> tuple[Places, Array, Array]:
         """For each light and exposure choose the gain with the highest mean (ties: the smallest).
 
         Return the indices of the conditions, (N, E), and the means over them of value and saturated share, (E,).
@@ -282,7 +304,7 @@ class Averages:
 
     def _rivals(self, members: Places, mean: Array, share: Array, chosen: int) -> Rivals:
         """The other exposures that may be used under the conditions ``members``, (N, E), and what they gain over the
-        chosen one. mean, share: as :meth:`_line` has them.
+        chosen one. mean, share: as :meth:`line` has them.
 
         The differences are paired by cluster: pictures that are hard at one exposure are hard at the others.
         """
@@ -355,27 +377,25 @@ def recommendations(of: Averages) -> list[RecommendationRow]:
     """Rows: one for all conditions, one for each light (and what else varies) over all speeds, one for each speed
     there. Axes and speed are None where a row is an average over them; a chosen gain is given. The score at the
     overall exposure is None where that was not tested there."""
-    lights = [_without(setting, _GAIN, _EGO) for setting in of.settings]
-    speeds = of.speeds
     whole = of.choose()
     common = np.full(len(of.settings), np.nan)
     if whole is not None:
         common = of.value[:, of.exposures_s.index(whole.exposure_s)].copy()
         common[whole.conditions] -= whole.bias
 
-    def rows(
-        scope: str, light: Setting | None, speed: float | None, conditions: Iterable[int]
-    ) -> list[RecommendationRow]:
-        choice = of.choose(conditions)
-        if choice is None:
-            return []
+    def rows(scopes: Iterable[Scope]) -> list[RecommendationRow]:
+        chosen = ((scope, of.choose(scope.members)) for scope in scopes)
+        return [row(scope, choice) for scope, choice in chosen if choice is not None]
+
+    def row(scope: Scope, choice: Choice) -> RecommendationRow:
+        light = scope.light
         at: dict[str, float | None] = {} if light is None else dict(zip(SETTING, light, strict=True))
         at |= {GAIN.name: choice.gain_db, EGO.name: None}
-        row = RecommendationRow(
+        return RecommendationRow(
             model=of.model,
-            scope=scope,
+            scope=scope.name,
             conditions=AxisValues.of(at),
-            speed=speed,
+            speed=scope.speed,
             exposure_s=choice.exposure_s,
             score=choice.score,
             verdict=choice.verdict,
@@ -391,17 +411,12 @@ def recommendations(of: Averages) -> list[RecommendationRow]:
             n_conditions=len(choice.conditions),
             score_at_overall_exposure=finite(float(common[choice.conditions].mean())),
         )
-        return [row]
 
-    every = rows("all", None, None, range(len(lights)))
-    for light in sorted(set(lights)):
-        here = [index for index, each in enumerate(lights) if each == light]
-        by_speed = [
-            row
-            for speed in sorted({speeds[index] for index in here})
-            for row in rows("condition", light, speed, [index for index in here if speeds[index] == speed])
-        ]
-        every += rows("light", light, None, here) + (_nested(by_speed) if of.monotone else by_speed)
+    every = []
+    for _, of_light in groupby(of.scopes(), key=lambda scope: scope.light):
+        together, *by_speed = of_light
+        alone = rows(by_speed)
+        every += rows([together]) + (_nested(alone) if of.monotone else alone)
     return every
 
 

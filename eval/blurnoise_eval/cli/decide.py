@@ -1,4 +1,4 @@
-"""``blurnoise decide``: the answers of a sweep from fewer pictures, by a search."""
+"""``blurnoise decide``: the exposures that a sweep recommends, from fewer conditions, by a search."""
 
 from __future__ import annotations
 
@@ -12,20 +12,19 @@ from blurnoise_eval.plan.files import PlanFile
     template=False,
 )  # fmt: skip
 def decide(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:
-    """Find the exposures that work under each light and at each speed, with fewer pictures than a sweep.
+    """Find the exposure to use under each light and at each speed, from fewer conditions than a sweep.
 
       blurnoise decide --model a.onnx --coco instances.json -o run
       blurnoise decide --images DIR --lux 5:200 --dx 0,150,400 -o run
 
-    Conditions with the same lux x seconds and the same blur in px give the same picture. The search uses this: it
-    computes at most about 80 conditions for all lights and speeds. 'blurnoise sweep' computes the whole grid of
-    exposures, lights and speeds.
+    The search computes a few conditions of the grid of exposures, lights and speeds at a time. It goes on where
+    another exposure may gain most, and stops when none promises more than 0.03. A sweep computes the whole grid, and
+    also finds where exposures cease to work. 'blurnoise sweep' in the same folder continues with what is there.
 
-    The whole grid is computed if conditions cannot be shared in this way: with dark current, several directions or
-    gains, a trajectory, or ego-motion. It is also computed if it has fewer conditions. The output gives the reason.
+    A large grid is searched in another way where conditions with the same lux x seconds and the same blur in px give
+    the same picture: at most about 80 conditions for all lights and speeds, and predictions between them.
 
-    An interrupted search continues when you run the same command again. A search with more lights or speeds in the
-    same folder starts from the conditions that are already there. 'blurnoise sweep --save-plan' writes a file for
-    --plan.
+    An interrupted search continues when you run the same command again. 'blurnoise sweep --save-plan' writes a file
+    for --plan.
     """
     computed(config, output, as_json, "search")

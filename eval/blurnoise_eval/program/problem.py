@@ -85,7 +85,8 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
     tables = [table for table in tables if (table.measured & (table.conditions[LIGHT.name] > 0)).any()]
     if not tables:
         raise StoreError(f"{where}: has no targets under any light")
-    grid = (run.setup.search_space or SearchSpace(run.plan.spanned)).grid
+    asked = run.setup.search_space if run.setup.predicted else None
+    grid = (asked or SearchSpace(run.plan.spanned)).grid
     # in the dark every exposure gives the same picture, and the logarithm of the light has no end
     space = SearchSpace({**grid, LIGHT.name: [lux for lux in grid[LIGHT.name] if lux]})
     _check(run, space)

@@ -73,7 +73,7 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
     every = sorted({at for key in keys for at in panels[key]})
     shown, of_lines = spread(every, MAX_LINES), tested[view["lines"]]
     colours = {place: of_lines["colours"][place] for place in shown}
-    style = "o" if not view["joined"] else "-" if data.manifest.get("searched") else "o-"
+    style = "o" if not view["joined"] else "-" if data.manifest.get("predicted") else "o-"
     for key, axes in zip(keys, grid, strict=True):
         for place, colour in colours.items():
             line = sorted(panels[key].get(place, ()), key=itemgetter(0))

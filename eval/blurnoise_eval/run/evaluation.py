@@ -74,8 +74,9 @@ def evaluate(
     output: the run's folder; a run begun there goes on. For a run at a URL, a
         :func:`~blurnoise_eval.system.working_folder.written_run`.
     strategy: "grid": every condition of the plan. "refine": then more exposures where a window ends between two
-        tested ones, to a quarter of a stop. "search": the ends of the windows from few conditions, in place of the
-        grid. Or a function that makes a :class:`~blurnoise_eval.run.strategy.Strategy` of the plan and the camera.
+        tested ones, to a quarter of a stop. "search": the conditions that decide which exposure to use; of a large
+        grid whose conditions share pictures, those that show where windows end. Or a function that makes a
+        :class:`~blurnoise_eval.run.strategy.Strategy` of the plan and the camera.
     engine: "threads", "processes" or "ray" with a worker per core, or an
         :class:`~blurnoise_eval.run.engines.Engine` such as ``ThreadEngine(2)``.
     progress: whether to draw a bar on the terminal.
@@ -128,8 +129,7 @@ def evaluate(
         facts = {"command": folder.command, **engine_facts(computed_by)}
         open_run(store, opened, camera, pictures, chosen.plan, facts)
         store.set_about(QUESTION, vars(question))
-        if chosen.search_space is not None:
-            note_search_space(store, chosen.search_space)
+        note_search_space(store, chosen.search_space)
         computing = partial(compute, opened, camera, pictures, store=store, engine=engine_kept)
         outcome = _computed(chosen, Run(store), pictures, computing, progress)
         note_models(store, opened, pictures, comparisons, computed=outcome.computed)

@@ -133,7 +133,7 @@ def score_tables(
 def on_lines(setup: Setup, measured: Iterable[ScoreTable]) -> Iterator[ScoreTable]:
     """The tables at the exposures that the run was asked for: predicted between the nodes of a search, and of a grid
     those that were measured."""
-    if setup.search_space is None or not setup.searched:
+    if setup.search_space is None or not setup.predicted:
         yield from measured
         return
     trend = Trend.of(setup.camera)

@@ -1,137 +1,176 @@
-"""The strategy of a search: which exposures work, from few conditions.
+"""The strategy of a search: which exposure to use, from few of the grid's conditions.
 
-It chooses nodes of the plane of lux-seconds and pixels, a batch at a time; the scores of a batch decide which nodes
-come next. So a run that was stopped can go on, and a wider question starts with the existing nodes. Where the plane
-does not hold, or the grid is cheaper, the full grid is computed.
+It measures where most may be gained over the exposures that would be recommended so far, a batch of conditions at a
+time, until none may gain more than ``SETTLED``. So what it computes is a part of a sweep, and its answers are those
+of a sweep from fewer conditions. Where conditions of equal lux-seconds and motion are one experiment and the grid is
+large, :class:`~.plane_search.PlaneSearch` needs fewer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain, pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise.camera import Camera
-from blurnoise_eval.answers.recommendation import MOST_COMMON
+from blurnoise_eval.answers.plane import direction_of, places_of
+from blurnoise_eval.answers.recommendation import WIDE
 from blurnoise_eval.answers.table import ScoreTable
+from blurnoise_eval.plan.axes import EGO, EXPOSURE, LIGHT, SETTING, setting_of, velocity_of
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.plan import SweepPlan
-from blurnoise_eval.run.edge_search import CHECKED, MOST_NODES, EdgeSearch
+from blurnoise_eval.plan.typed import AUTOMATIC
+from blurnoise_eval.report.words import counted
+from blurnoise_eval.run.outlook import Cells, Outlook, most_promising
+from blurnoise_eval.run.plane_search import PlaneSearch
 from blurnoise_eval.run.refine import Refine
 from blurnoise_eval.run.run import Run
-from blurnoise_eval.run.search_space import (
-    SearchSpace,
-    conditions_at,
-    direction_of_all,
-    lattice,
-    what_breaks,
-)
-from blurnoise_eval.run.setup import Batch, Place
+from blurnoise_eval.run.search_space import SearchSpace, spread
+from blurnoise_eval.run.setup import Batch
 from blurnoise_eval.run.strategy import Step, Strategy
 from blurnoise_eval.run.surface import Trend
 
-_SAME_PLACE = 1e-4  # stops: conditions are rounded
+BATCH = 6
+"""Conditions at a time; half as many as there are lights and speeds, if these are more."""
+_LEAST_LUX = 0.01
+_PX_S_OF_KMH = 10.0  # a sign 5 m beside and 12.5 m ahead, in a picture of 1280 px over 60 degrees
+_BESIDE = (
+    0.25  # stops by which a stop of light counts that lux x seconds does not tell: cameras nearly obey it
+)
 Array = NDArray[np.float64]
 
 
 def search(plan: SweepPlan, camera: Camera) -> Strategy:
-    """A search over the range of a plan's grid, or the grid itself where a search does not hold, or costs more."""
-    space = SearchSpace(plan.spanned)
-    most, grid = MOST_NODES + CHECKED, space.grid_conditions
-    because = what_breaks(camera, space, plan.trajectory, pulsed=plan.pulsed)
-    if not because:
-        most = min(most, len(lattice(space.lines, space.exposures_s)))
-        because = [f"the grid has {grid} conditions, and a search would need up to {most}"] * (grid < most)
-    if because:
-        full_grid = replace(space, because=because)
-        return Refine(plan, camera, search_space=full_grid, note=f"decide: {'; '.join(because)}")
-    further = {name: (value,) for name, value in space.further.items()}
-    nodes = replace(
-        plan, grid=further, light=(), only=(), direction=direction_of_all(space.lines), vehicle=None
-    )
-    note = f"decide: a search over at most {most} conditions; the grid has {grid}"
-    return Search(nodes, camera, space, note)
+    """A search over a plan's grid: over the plane where that holds and needs less, else over its conditions."""
+    exposures = plan.values(EXPOSURE.name)
+    if AUTOMATIC in exposures or len(exposures) == 1:
+        because = "the camera sets the exposure itself" if AUTOMATIC in exposures else "there is one exposure"
+        space = replace(_grid(plan), because=[because])
+        return Refine(plan, camera, search_space=space, note=f"decide: {because}")
+    return PlaneSearch.of(plan, camera, SearchSpace(plan.spanned)) or Search(plan, camera)
 
 
 @dataclass(frozen=True)
 class Search:
-    """Nodes that lead to the ends of the exposure windows, then the recommended exposure under all conditions.
-
-    plan: of the nodes, with a direction in place of the grid. note: a line ahead of the first step.
-    """
+    """The conditions of a plan's grid that decide which exposure to use; as many as the grid has, at most."""
 
     plan: SweepPlan
     camera: Camera
-    search_space: SearchSpace
-    note: str = ""
+
+    @property
+    def search_space(self) -> SearchSpace:
+        """The grid."""
+        return _grid(self.plan)
 
     def steps(self, run: Run) -> Iterator[Step]:
-        """What was noted before, then batch by batch until nothing is left to measure."""
-        batches = run.setup.batches
-        if batches:  # until the run was stopped, or of a narrower question
-            yield self._step(run, [at for batch in batches for at in batch.conditions])
-        yield from self._find_edges(run)
-        while common := self._common(run):
-            yield self._noted(run, (), common)
+        """What the run has, then batch by batch until nothing is to gain."""
+        tables = run.score_tables()
+        cells, noted = self._cells(tables), set(_noted(run))
+        here = [self._conditions(cell, cells) for cell in np.argwhere(cells.measured(tables)).tolist()]
+        if others := [at for at in here if at not in noted]:  # of a sweep in the same folder
+            self._note(run, others)
+        if computed := _noted(run):
+            yield self._step(computed, first=True)
+        while more := self._next(run):
+            self._note(run, more)
+            yield self._step(more, first=len(more) == len(_noted(run)))
 
-    def _step(self, run: Run, conditions: Sequence[Conditions]) -> Step:
-        first = len(run.setup.batches) == 1
-        plan = replace(self.plan, only=tuple(conditions), examples=first)
-        return Step(f"{len(conditions)} nodes", plan, self.note * first)
+    def _note(self, run: Run, conditions: Sequence[Conditions]) -> None:
+        run.note(Batch(run.setup.manifest["images"]["count"], (), tuple(conditions)))
 
-    def _noted(self, run: Run, places: Sequence[Place], conditions: Sequence[Conditions]) -> Step:
-        run.note(Batch(run.setup.manifest["images"]["count"], tuple(places), tuple(conditions)))
-        return self._step(run, conditions)
+    def _step(self, conditions: Sequence[Conditions], *, first: bool) -> Step:
+        grid = self.search_space.grid_conditions
+        note = f"decide: at most {counted(grid, 'condition')}, {len(conditions)} at first"
+        plan = replace(self.plan, only=tuple(conditions), examples=self.plan.examples and first)
+        return Step(counted(len(conditions), "condition"), plan, note * first)
 
-    def _find_edges(self, run: Run) -> Iterator[Step]:
-        """Nodes until the search is done, or no group of targets has a score that means something.
+    def _next(self, run: Run) -> list[Conditions]:
+        """The conditions that are computed next, by all that the run has."""
+        noted, tables = _noted(run), run.tables_with_answers()
+        cells, batch = self._cells(tables), max(BATCH, len(self._lines) // 2)
+        left = self.search_space.grid_conditions - len(noted)
+        if not noted:
+            tested = np.argwhere(np.broadcast_to(cells.of_grid, cells.shape))
+            chosen = tested[spread(cells.places[tuple(tested.T)], min(batch, left))].tolist()
+        else:
+            trend = Trend.of(self.camera)
+            outlooks = [
+                Outlook(of, cells, _ceiling([table for table in tables if table.model == of.model]), trend)
+                for of in run.averages(tables)
+            ]
+            chosen = most_promising(outlooks, min(batch, left))
+        return [self._conditions(cell, cells) for cell in chosen]
 
-        The search is given each batch once; where the groups become others it begins anew with all of them.
-        """
-        edges, n_used, n_planes = self._edge_search(run), 0, 0
-        while not edges.done:
-            batches = [batch for batch in run.setup.batches if batch.places]
-            if n_used == len(batches):
-                places = [(u, w) for u, w in edges.ask().tolist()]
-                space = self.search_space
-                of = space.lines, space.exposures_s, space.further
-                yield self._noted(run, places, [conditions_at(place, *of) for place in places])
-                continue
-            planes = [plane for table in run.tables_with_answers() for plane in table.on_plane()]
-            if not planes:
-                return
-            if len(planes) != n_planes:
-                edges, n_used, n_planes = self._edge_search(run), 0, len(planes)
-            for batch in batches[n_used:]:
-                values, errors = zip(*(_at(plane, batch.places) for plane in planes), strict=True)
-                edges.tell(batch.places, np.array(values), np.array(errors))
-            n_used = len(batches)
+    @cached_property
+    def _lines(self) -> list[dict[str, float]]:
+        """Of each line its values by axis, those of its named light included."""
+        names = [name for name in self.plan.grid if name != EXPOSURE.name]
+        combined = product(*(self.plan.grid[name] for name in names))
+        return [self.plan.of_light(dict(zip(names, values, strict=True))) for values in combined]
 
-    def _edge_search(self, run: Run) -> EdgeSearch:
-        space, trend = self.search_space, Trend.of(self.camera)
-        level = run.criterion.level
-        return EdgeSearch(space.lines, space.exposures_s, level, most_nodes=MOST_NODES, trend=trend)
+    def _conditions(self, cell: Sequence[int], cells: Cells) -> Conditions:
+        n, e = cell
+        return Conditions(**self._lines[n], exposure_s=cells.exposures_s[e])
 
-    def _common(self, run: Run) -> tuple[Conditions, ...]:
-        """The next batch: all lights and speeds at the recommended exposure, unless a close one was measured there.
-
-        Nothing where each model has one, or ``MOST_COMMON`` exposures.
-        """
-        models, space = run.averages(run.tables_with_answers()), self.search_space
-        common = [at for batch in run.setup.batches if not batch.places for at in batch.conditions]
-        measured = {at.exposure_s for at in common}
-        wanted = [each for each in (model.unmeasured(measured) for model in models) if each is not None]
-        if not wanted or len(measured) >= MOST_COMMON * len(models):
-            return ()
-        exposure_s = float(np.clip(wanted[0], *space.exposures_s))
-        return tuple(Conditions(exposure_s=exposure_s, **space.further, **line.axes) for line in space.lines)
+    def _cells(self, tables: Iterable[ScoreTable]) -> Cells:
+        """The cells of the grid, of exposures between its own, and of all that were measured."""
+        grid = self.plan.values(EXPOSURE.name)
+        measured = chain.from_iterable(table.conditions[EXPOSURE.name].tolist() for table in tables)
+        exposures = sorted({*grid, *_between(grid), *measured})
+        rows = [Conditions(**line, exposure_s=grid[0]).on(self.camera) for line in self._lines]
+        return Cells(
+            settings=tuple(map(setting_of, rows)),
+            velocities_px_s=tuple(map(velocity_of, rows)),
+            exposures_s=tuple(exposures),
+            of_grid=np.isin(exposures, grid),
+            places=_places(rows, exposures),
+            # Where only a part of the picture moves, or the camera drives, a speed may undo another motion.
+            monotone=not (self.plan.trajectory or self.plan.cuts or any(self.plan.values(EGO.name))),
+        )
 
 
-def _at(plane: ScoreTable, places: Sequence[Place]) -> tuple[Array, Array]:
-    """The mean and its standard error over clusters at nodes as they were asked, (N,); NaN where nothing is known."""
-    distances = np.abs(np.array(places)[:, None] - plane.places).max(axis=-1)
-    nearest, measured = distances.argmin(axis=1), distances.min(axis=1) <= _SAME_PLACE
-    mean, error = (np.where(measured, of[nearest], np.nan) for of in (plane.mean, plane.standard_error))
-    return mean, error
+def _grid(plan: SweepPlan) -> SearchSpace:
+    return SearchSpace({name: plan.values(name) for name in plan.grid})
+
+
+def _noted(run: Run) -> list[Conditions]:
+    return [at for batch in run.setup.batches for at in batch.conditions]
+
+
+def _between(exposures_s: Sequence[float]) -> Iterator[float]:
+    """Exposures that leave no gap wider than ``WIDE`` between those of a grid, to three digits.
+
+    >>> list(_between((0.001, 0.002)))
+    [0.00141]
+    """
+    for low, high in pairwise(exposures_s):
+        parts = math.ceil(math.log2(high / low) / WIDE - 0.1)
+        yield from (float(f"{low * (high / low) ** (k / parts):.3g}") for k in range(1, parts))
+
+
+def _ceiling(tables: Sequence[ScoreTable]) -> float:
+    """The mean score on the original pictures, in the criterion's unit: what simulated ones hardly surpass."""
+    return float(np.mean([1.0 if table.kept or table.clean is None else table.clean for table in tables]))
+
+
+def _places(rows: Sequence[Mapping[str, float]], exposures_s: Sequence[float]) -> Array:
+    """(N, E, D) in stops, of N lines at E exposures: light on the sensor, motion during the exposure, and beside them
+    what may tell experiments of equal light and motion apart: the exposure time, and all other axes by rank."""
+    lux = np.array([max(row[LIGHT.name], _LEAST_LUX) for row in rows])[:, None]
+    speeds = [math.hypot(*velocity_of(row)) + _PX_S_OF_KMH * float(EGO.shown(row[EGO.name])) for row in rows]
+    on_plane = places_of(np.array(exposures_s), lux, np.array(speeds)[:, None])
+    beside = [_BESIDE * np.log2(lux[:, 0])]
+    for name in SETTING:
+        if name not in (LIGHT.name, EGO.name):
+            beside.append(np.unique([row[name] for row in rows], return_inverse=True)[1].astype(float))
+    directions = [direction_of(velocity_of(row)) for row in rows]
+    if len(set(directions) - {None}) > 1:
+        beside += np.array([each or (0.0, 0.0) for each in directions]).T.tolist()
+    varied = np.array([each for each in beside if np.ptp(each) > 0] or [np.zeros(len(rows))]).T
+    further = np.broadcast_to(varied[:, None], (*on_plane.shape[:2], varied.shape[1]))
+    return np.concatenate([on_plane, further], axis=-1)

@@ -52,9 +52,10 @@ def note_batch(store: Store, batch: Batch) -> None:
     store.set_about(BATCHES, [*(store.about(BATCHES) or ()), noted])
 
 
-def note_search_space(store: Store, space: SearchSpace) -> None:
-    """Note what a search is asked, or was asked last."""
-    store.set_about(SEARCH_SPACE, asdict(space))
+def note_search_space(store: Store, space: SearchSpace | None) -> None:
+    """Note what a search is asked, or was asked last; None: a sweep of the grid."""
+    if space is not None or store.about(SEARCH_SPACE) is not None:
+        store.set_about(SEARCH_SPACE, None if space is None else asdict(space))
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,37 @@ class Setup:
 
     @property
     def searched(self) -> bool:
-        """Whether answers are predicted between the nodes of a search, and not measured on a grid."""
+        """Whether conditions were chosen by a search."""
         return self.search_space is not None and not self.search_space.because
+
+    @property
+    def predicted(self) -> bool:
+        """Whether answers are predicted between the nodes of a search over the plane, and not measured."""
+        return self.searched and not self.grid
+
+    @property
+    def chosen(self) -> int:
+        """How many conditions a strategy has chosen."""
+        return len(self._chosen)
+
+    @property
+    def has_whole_grid(self) -> bool:
+        """Whether a search has chosen all conditions of the grid."""
+        return self._chosen.issuperset(self.plan.conditions())
+
+    @property
+    def refined(self) -> int:
+        """How many conditions were chosen beyond a grid that is computed as a whole."""
+        return len(self._chosen - self._of_grid) if self._of_grid and self.grid_exposures_s else 0
+
+    @cached_property
+    def _chosen(self) -> frozenset[Conditions]:
+        return frozenset(at for batch in self.batches for at in batch.conditions)
+
+    @cached_property
+    def _of_grid(self) -> frozenset[Conditions]:
+        """The conditions of a grid that is computed as a whole."""
+        return frozenset(self.plan.conditions() if self.grid and not self.searched else ())
 
     @property
     def monotone(self) -> bool:
@@ -175,10 +205,9 @@ class Setup:
 
     def missing_cells(self, store: Store) -> int:
         """How many of the plan's cells are not computed yet, those of skipped pictures apart."""
-        chosen: int = self.planned["repeats"] * sum(len(batch.conditions) for batch in self.batches)
         n_pictures = self.manifest["images"]["count"]
-        # A search has one cell besides what it chose: the original picture.
-        per_picture = chosen + (self.plan.cells_per_picture if self.grid else 1)
+        # Each picture has one cell besides: the original.
+        per_picture = 1 + self.planned["repeats"] * len(self._of_grid | self._chosen)
         if not self.grid:
             n_pictures = self.batches[-1].n_pictures if self.batches else 0
         n_computed = queries.count_cells_of_read(store)

@@ -1,7 +1,8 @@
 """Strategies: which conditions a run computes. A grid computes all of its plan; others choose more by the results.
 
-:class:`Grid` is the simplest one, :class:`~blurnoise_eval.run.refine.Refine` adds exposures where windows end, and
-:class:`~blurnoise_eval.run.search.Search` looks for the ends of windows with as few conditions as it can.
+:class:`Grid` is the simplest one, :class:`~blurnoise_eval.run.refine.Refine` adds exposures where windows end,
+:class:`~blurnoise_eval.run.search.Search` looks for the exposures to use with as few conditions as it can, and
+:class:`~blurnoise_eval.run.plane_search.PlaneSearch` for the ends of windows on a large grid.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ may be those of a search or of a full grid.
 Universal kriging (Cressie, Statistics for Spatial Data, 1993, 3.4) on a constant and a :class:`Trend`, with a Matern
 5/2 covariance, one length per axis, and a nugget. The trend is a logistic curve of signal to noise, motion and
 saturation, as high as the highest score measured: it guides a surface between few nodes and need not be right.
+Places may have further coordinates, for what tells experiments at one place of the plane apart; they share a length.
 Lengths and nugget are the most probable ones: restricted likelihood, lengths log-normal about ``USUAL_LENGTH``.
 A prediction is a weighted sum of the nodes' values. The weights of a fitted surface depend on places alone, so
 every cluster's surface has those of the mean's.
@@ -36,9 +37,8 @@ PER_STOP = 12  # predicted exposures on a line
 USUAL_LENGTH = 3.3  # stops
 _LENGTH_SPREAD = 0.6  # of its natural logarithm
 _USUAL_SCALE, _SCALE_WEIGHT = 0.05, 2.0  # deviation about the trend, as if so many values had shown it
-_LEAST = np.log([0.3, 0.3, 1e-6])  # lengths along u and w, nugget
-_MOST = np.log([12.0, 12.0, 0.05])
-_GRID = np.array([5, 5, 4])  # of their logarithms, from end to end
+_LENGTHS, _NUGGETS = np.log((0.3, 12.0)), np.log((1e-6, 0.05))  # least and most
+_STEPS = 4, 3  # of the grid of their logarithms, from end to end
 _HALVINGS = 4  # of the grid's step, about the best so far
 _MOST_FITTED = 120  # nodes that they are chosen by
 _FLAT = 0.02  # share of its top below which the range of a trend counts as none
@@ -116,9 +116,10 @@ def fractional_logistic(features: Array, shares: Array, penalty: Array) -> Array
 
 @dataclass(frozen=True, eq=False)
 class Kriging:
-    """A fitted surface through values (N,) at places (N, 2).
+    """A fitted surface through values (N,) at places (N, 2), or (N, D) with further coordinates.
 
-    lengths: (2,) of the covariance along u and w. nugget: variance of a node's own departure, in ``scale`` squared.
+    lengths: of the covariance along u and w, (2,), and one along what comes beside them, (3,). nugget: variance of a
+    node's own departure, in ``scale`` squared.
     coefficients: of the trend's features; None: a constant in place of the trend.
     """
 
@@ -131,7 +132,7 @@ class Kriging:
 
     @classmethod
     def fit(cls, places: ArrayLike, values: ArrayLike, trend: Trend | None = USUAL) -> Kriging:
-        """Through values (N,), finite, at places (N, 2), all different. trend: None: a constant."""
+        """Through values (N,), finite, at places (N, 2) or (N, D), all different. trend: None: a constant."""
         at, known = np.asarray(places, float), np.asarray(values, float)
         guide = trend or USUAL
         coefficients = None if trend is None else _trend_of(at, known, trend)
@@ -143,14 +144,17 @@ class Kriging:
             tried = cls(at[some], known[some], np.array(lengths), nugget, guide, coefficients)
             return tried._improbability
 
-        step = (_MOST - _LEAST) / (_GRID - 1)
+        n_lengths = min(at.shape[1], 3)
+        least, most = np.array([_LENGTHS] * n_lengths + [_NUGGETS]).T
+        steps = [_STEPS[0]] * n_lengths + [_STEPS[1]]
+        step = (most - least) / steps
         # A grid and halvings of its step: the likelihood may have several maxima, and a descent ends in one.
-        corners: Iterable[tuple[int, ...]] = product(*map(range, _GRID.tolist()))
-        best = min((_LEAST + step * each for each in corners), key=improbability)
+        corners: Iterable[tuple[int, ...]] = product(*(range(1 + count) for count in steps))
+        best = min((least + step * each for each in corners), key=improbability)
         for _ in range(_HALVINGS):
             step = step / 2
-            around = (best + step * each for each in product((-1, 0, 1), repeat=3))
-            best = min((np.clip(each, _LEAST, _MOST) for each in around), key=improbability)
+            around = (best + step * each for each in product((-1, 0, 1), repeat=len(step)))
+            best = min((np.clip(each, least, most) for each in around), key=improbability)
         *lengths, nugget = np.exp(best).tolist()
         return cls(at, known, np.array(lengths), nugget, guide, coefficients)
 
@@ -231,15 +235,17 @@ def _trend_of(places: Array, values: Array, trend: Trend) -> Array | None:
 
 
 def correlation(places: Array, others: Array, lengths: ArrayLike) -> Array:
-    """Matern 5/2 between places (M, 2) and others (N, 2), (M, N).
+    """Matern 5/2 between places (M, D) and others (N, D), (M, N); the last length is that of all further coordinates.
 
     >>> near, far = np.array([[0.0, 0.0]]), np.array([[0.0, 0.0], [3.0, 0.0]])
     >>> correlation(near, far, (3.0, 3.0)).round(2).tolist()  # 1, and at one length
     [[1.0, 0.52]]
     """
-    one, other = places / np.asarray(lengths), others / np.asarray(lengths)
+    given, n = np.asarray(lengths), places.shape[1]
+    each = given[np.minimum(np.arange(n), len(given) - 1)]
+    one, other = places / each, others / each
     # Twice differentiable, unlike an exponential: scores change smoothly with light and motion.
-    far = np.sqrt(5.0 * sum(np.subtract.outer(one[:, k], other[:, k]) ** 2 for k in (0, 1)))
+    far = np.sqrt(5.0 * sum(np.subtract.outer(one[:, k], other[:, k]) ** 2 for k in range(n)))
     return np.asarray((1 + far + far**2 / 3) * np.exp(-far))
 
 

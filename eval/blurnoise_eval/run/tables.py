@@ -15,6 +15,7 @@ from blurnoise_eval.answers.exposure_window import answers, natural
 from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.recommendation import average_curve, recommendations
 from blurnoise_eval.answers.rows import AnswerRow, CurveRow
+from blurnoise_eval.answers.settling import SETTLED
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
@@ -91,12 +92,13 @@ def tables_of(
         setup.grid_exposures_s,
         setup.labelled,
     )
-    if setup.searched:
-        manifest["searched"] = [*strategy_sentences(setup), _PREDICTED]
+    manifest["predicted"] = setup.predicted
+    if not setup.searched:
+        manifest["warnings"] += strategy_sentences(setup)
+    else:
+        manifest["searched"] = strategy_sentences(setup)
         # means over a grid's conditions, which a search does not visit evenly
         models = [replace(model, mpc=UNKNOWN, rpc=UNKNOWN) for model in models]
-    else:
-        manifest["warnings"] += strategy_sentences(setup)
     return RunData(
         manifest,
         models,
@@ -112,7 +114,7 @@ def tables_of(
 
 def of_page(tables: RunData, setup: Setup) -> RunData:
     """The tables that the page shows: after a search without the scores of its nodes, which lie on no grid."""
-    if not setup.searched:
+    if not setup.predicted:
         return tables
     return replace(tables, scores=[row for row in tables.scores if row.conditions.original])
 
@@ -142,9 +144,7 @@ def search_counts(setup: Setup) -> Row | None:
     if space is None:
         return None
     repeats, n_pictures = setup.planned["repeats"], setup.manifest["images"]["count"]
-    nodes = space.grid_conditions
-    if not space.because:
-        nodes = sum(len(batch.conditions) for batch in setup.batches)
+    nodes = setup.chosen if setup.searched else space.grid_conditions
     return {
         "nodes": nodes,
         "pictures": n_pictures,
@@ -162,10 +162,17 @@ def strategy_sentences(setup: Setup) -> list[str]:
     if counts["because"]:
         reasons = "; ".join(counts["because"])
         return [f"The full grid of {counts['nodes']} conditions was computed: {reasons}."]
-    return [
+    sentence = (
         f"{counted(counts['nodes'], 'condition')} with {counted(counts['pictures'], 'picture')}: "
         f"{counted(counts['cells'], 'cell')}. The grid would need {counts['grid_cells']} without its refinement."
-    ]
+    )
+    if setup.predicted:
+        return [sentence, _PREDICTED]
+    if setup.has_whole_grid:
+        return [sentence, "All of the grid was needed."]
+    if counts["cells"] >= counts["grid_cells"]:
+        return [sentence, "The search stopped there; exposures that were not tested may be better."]
+    return [sentence, f"No exposure that was not tested promises more than {SETTLED:g} above those to use."]
 
 
 def _manifest(store: Store, setup: Setup, criterion: Criterion) -> Row:
@@ -174,7 +181,6 @@ def _manifest(store: Store, setup: Setup, criterion: Criterion) -> Row:
     models = [{**note, "non_finite_values": non_finite.get(name, 0)} for name, note in setup.models.items()]
     labelled, rendered = setup.labelled, setup.manifest["images"]["kind"] == "rendered"
     looks = {name: picture.look for name, picture in store.pictures().items()}
-    refined = sum(len(batch.conditions) for batch in setup.batches) if setup.grid_exposures_s else 0
     manifest: Row = {
         **setup.manifest,
         "models": models,
@@ -190,7 +196,7 @@ def _manifest(store: Store, setup: Setup, criterion: Criterion) -> Row:
         "repeated": None if rendered else repeated(looks, criterion.cluster),
         "criterion": criterion.row(),
         "threshold": criterion.level,
-        "refined": refined,
+        "refined": setup.refined,
     }
     return manifest
 

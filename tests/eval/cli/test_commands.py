@@ -13,7 +13,6 @@ from blurnoise_eval.cli.chart import CHARTS
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.program.optimise import Stages
-from blurnoise_eval.run import search
 from blurnoise_eval.run.run import Run
 from commands import main, told
 from signs_in_memory import matched_detector, sign
@@ -89,8 +88,7 @@ def test_train_writes_a_detector_that_says_how_it_was_made(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_decide_answers_and_report_says_the_same(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(search, "MOST_NODES", 12)
+def test_decide_answers_and_report_says_the_same(tmp_path, capsys):
     run = tmp_path / "run"
     (tmp_path / "pictures").mkdir()
     for index in range(8):

@@ -1,7 +1,6 @@
 """Refining: further exposures about the ends of windows, by a score whose ends are known in closed form."""
 
 import math
-from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import pytest
@@ -9,10 +8,9 @@ from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.run.refine import STOPS
-from blurnoise_eval.store.store import PictureFacts
+from made_scores import MadeScores
 from plans import plan as swept_plan
 from signs_in_memory import CAMERA, picture, picture_set
-from stored_rows import clean_result, result
 
 EXPOSURES_S = (0.001, 0.003, 0.01, 0.03, 0.1)
 LIGHTS_LUX, SPEEDS_PX_S = (5.0, 50.0), (0.0, 300.0)
@@ -34,30 +32,8 @@ def kept_at(exposure_s, lux, speed_px_s):
     return rise / (1 + math.exp(-odds + STEEP * math.log2(exposure_s / high_s)))
 
 
-@dataclass
-class ClosedForm:
-    """An engine that computes no picture: every target scores 0.9 of what is kept."""
-
-    cells: int = 0
-
-    def map(self, work, blocks):
-        for block in blocks:
-            self.cells += len(block.cells)
-            yield block, [scored(work.models[0].name, cell) for cell in block.cells]
-
-
-def scored(model, cell):
-    shared = {"cell_id": cell.cell_id, "image": cell.image, "model": model, "repeat": cell.repeat}
-    if cell.conditions is None:
-        found = clean_result(0, **shared)
-        kept = 1.0
-    else:
-        at = cell.conditions.on(CAMERA)
-        found = result(0, **shared, **at, blur_px=0.0)
-        kept = kept_at(at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"])
-    targets = tuple(replace(row, target=replace(row.target, confidence=0.9 * kept)) for row in found.targets)
-    (identity,) = (each.identity for each in PICTURES if each.name == cell.image)
-    return replace(found, targets=targets, picture=PictureFacts(identity, "", 320, 320, ""))
+def kept(at):
+    return kept_at(at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"])
 
 
 def swept(folder, detector, engine=None, **options):
@@ -68,7 +44,7 @@ def swept(folder, detector, engine=None, **options):
         PLAN,
         Question(keep=KEPT),
         folder,
-        engine=engine or ClosedForm(),
+        engine=engine or MadeScores(PICTURES, CAMERA, kept),
         **options,
     )
 
@@ -99,5 +75,5 @@ def test_every_end_lies_in_its_interval(refined):
 
 
 def test_asked_again_it_computes_nothing(refined, detector):
-    swept(refined.folder, detector, engine := ClosedForm())
+    swept(refined.folder, detector, engine := MadeScores(PICTURES, CAMERA, kept))
     assert engine.cells == 0

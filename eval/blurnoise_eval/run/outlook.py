@@ -1,0 +1,233 @@
+"""The outlook of a search: what a model may reach under conditions that were not measured, and which to measure next.
+
+Domain: N lines, each a light, speed and whatever else a grid combines, at E exposures, s; scores in the criterion's
+unit. A cell (n, e) is a condition of the grid, by its line and exposure.
+
+A surface through the measured cells (:class:`~.surface.Kriging`) says where to measure next, and nothing else: beside
+a cliff, as where white saturates, it errs by .1 and more. Answers are of measured cells only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise_eval.answers.plane import DIGITS
+from blurnoise_eval.answers.recommendation import (
+    Averages,
+    Setting,
+    Velocity,
+    best_exposure,
+    without_saturated,
+)
+from blurnoise_eval.answers.settling import SETTLED
+from blurnoise_eval.answers.table import ScoreTable
+from blurnoise_eval.plan.axes import EGO, EXPOSURE, SETTING
+from blurnoise_eval.run.surface import Kriging, Trend, correlation
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Places = NDArray[np.int64]
+Cell = tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The cells that a search chooses from.
+
+    settings, velocities_px_s: of the N lines. exposures_s: E, rising. of_grid: (E,) the exposures of the grid; those
+    between them are for all conditions together. places: (N, E, D) for surfaces, in stops: light, motion, and what
+    comes beside them. monotone: whether more motion can only hurt.
+    """
+
+    settings: tuple[Setting, ...]
+    velocities_px_s: tuple[Velocity, ...]
+    exposures_s: tuple[float, ...]
+    of_grid: Flags
+    places: Array
+    monotone: bool = True
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(N, E)."""
+        return len(self.settings), len(self.exposures_s)
+
+    @cached_property
+    def slower(self) -> Flags:
+        """(N, N), where line m moves as line n does, only slower, or rests; none where motion may also help."""
+        both = list(zip(self.settings, self.velocities_px_s, strict=True))
+        flags = [[self.monotone and a == b and _slower(v, w) for b, w in both] for a, v in both]
+        return np.array(flags, bool)
+
+    @cached_property
+    def lights(self) -> Places:
+        """(N,) a number for each light, and whatever else but the speed."""
+        others = [place for place, name in enumerate(SETTING) if name != EGO.name]
+        of = [tuple(setting[place] for place in others) for setting in self.settings]
+        numbers = {each: number for number, each in enumerate(dict.fromkeys(of))}
+        return np.array([numbers[each] for each in of], np.int64)
+
+    def lines(self, settings: Sequence[Setting], velocities: Sequence[Velocity]) -> Places:
+        """The numbers of the lines of these settings and velocities, (K,) each."""
+        numbers = {key: n for n, key in enumerate(zip(self.settings, self.velocities_px_s, strict=True))}
+        return np.array([numbers[key] for key in zip(settings, velocities, strict=True)], np.int64)
+
+    def measured(self, tables: Iterable[ScoreTable]) -> Flags:
+        """(N, E), what any of the tables has."""
+        flags = np.zeros(self.shape, bool)
+        for table in tables:
+            columns = np.searchsorted(self.exposures_s, table.conditions[EXPOSURE.name])
+            flags[self.lines(table.settings, table.velocities_px_s), columns] = True
+        return flags
+
+
+class Promise(NamedTuple):
+    """How much more than the best known exposure another one may reach under some conditions, and the cell to measure
+    to know."""
+
+    gain: float
+    cell: Cell
+
+
+class Outlook:
+    """What one model may reach at cells that were not measured.
+
+    measured: the model's averages over what was. ceiling: its score on the original pictures, which simulated ones
+    may reach and hardly surpass. trend: guides the surface.
+    """
+
+    def __init__(self, measured: Averages, cells: Cells, ceiling: float, trend: Trend) -> None:
+        self._cells = cells
+        value, saturated = np.full((2, *cells.shape), np.nan)
+        at = cells.lines(measured.settings, measured.velocities_px_s)
+        columns = np.searchsorted(cells.exposures_s, measured.exposures_s)
+        value[np.ix_(at, columns)], saturated[np.ix_(at, columns)] = measured.value, measured.saturated
+        self._known = np.isfinite(value)
+        surface = Kriging.fit(cells.places[self._known], value[self._known], trend)
+        flat = cells.places.reshape(-1, cells.places.shape[-1])
+        mean, sigma = (of(flat).reshape(cells.shape) for of in (surface.mean, surface.sigma))
+        no_more = np.where(self._known, value, np.inf)  # than at rest, or more slowly
+        no_less = np.where(self._known, value, 0.0)  # than faster
+        most = np.where(cells.slower[:, :, None], no_more, np.inf).min(axis=1)
+        least = np.where(cells.slower.T[:, :, None], no_less, 0.0).max(axis=1)
+        self._bound = np.minimum(most, max(ceiling, float(np.nanmax(value))))
+        self._mean = np.where(self._known, value, np.minimum(np.maximum(mean, least), self._bound))
+        self._sigma = np.where(self._known, 0.0, sigma)
+        self._saturated = self._shares(saturated)
+        self._of = replace(
+            measured,
+            settings=cells.settings,
+            velocities_px_s=cells.velocities_px_s,
+            exposures_s=cells.exposures_s,
+        )
+        self._places, self._lengths = flat, surface.lengths
+        self._upper = self._bounds()
+        self._scopes = [np.array(scope.members) for scope in self._of.scopes()]
+        self._promises: dict[int, Promise | None] = {}
+
+    def promise(self) -> Promise | None:
+        """That of the conditions, of those for which an exposure is recommended, where most is to gain; None where
+        nothing is: there the best exposures are measured, and no other may gain more than ``SETTLED``."""
+        for index, members in enumerate(self._scopes):
+            if index not in self._promises:
+                self._promises[index] = self._promise(members)
+        return _greatest(self._promises.values())
+
+    def suppose(self, cell: Cell) -> None:
+        """Take a cell for measured, as the surface has it."""
+        self._known[cell] = True
+        near = correlation(self._places, self._cells.places[cell][None], self._lengths).reshape(
+            self._sigma.shape
+        )
+        self._sigma *= np.sqrt(1 - near**2)  # as of one neighbour alone
+        self._upper = self._bounds()
+        self._promises.clear()
+
+    def _promise(self, members: Places) -> Promise | None:
+        """The unmeasured exposure that may gain most over the one that seems best; where none may gain more than
+        ``SETTLED``, the one that seems best, unless it is measured."""
+        at, value, known = self._line(self._mean, self._saturated, members)
+        # One exposure for everything may lie between those of the grid, too.
+        allowed = self._cells.of_grid | known | (len(members) == len(self._mean))
+        value = np.where(allowed, value, -np.inf)
+        best = (
+            best_exposure(self._of.exposures_s, np.where(np.isfinite(value), value + SETTLED * known, np.nan))
+            or 0
+        )
+        others, may, measured = self._line(self._upper, self._least_saturated, members)
+        may = np.where(allowed & ~measured, may, -np.inf)
+        may[best] = -np.inf
+        e = int(np.argmax(may.round(DIGITS)))
+        gain = float(may[e] - value.max())
+        if gain <= SETTLED:
+            if known[best]:
+                return None
+            # An exposure for many conditions serves each of them: the most conditions first.
+            others, e, gain = at, best, SETTLED * (1 + 1e-3 * len(members))
+        doubt = (self._sigma + self._saturated - self._least_saturated)[:, e].round(DIGITS)
+        unknown = [n for n in others[:, e].tolist() if not self._known[n, e]]
+        return Promise(gain, (max(unknown, key=doubt.__getitem__), e))
+
+    def _line(self, value: Array, saturated: Array, members: Places) -> tuple[Places, Array, Flags]:
+        """As :meth:`Averages.line`, and at which exposures all of it is measured, (E,)."""
+        at, mean, share = replace(self._of, value=value, saturated=saturated).line(members)
+        mean = without_saturated(mean, share, self._of.level)
+        return at, mean, np.asarray(np.take_along_axis(self._known, at, axis=0).all(axis=0))
+
+    def _bounds(self) -> Array:
+        """(N, E), what each cell may reach. Beside the best measured exposure of a line the next ones of the grid are
+        not known before they are measured, whatever the surface says."""
+        upper = np.where(self._known, self._mean, np.minimum(self._mean + self._sigma, self._bound))
+        tested = np.flatnonzero(self._cells.of_grid)
+        best = np.where(self._known, self._mean, -1.0).argmax(axis=1)
+        for n in np.flatnonzero(self._known.any(axis=1)):
+            beside = [*tested[tested < best[n]][-1:], *tested[tested > best[n]][:1]]
+            unknown = [e for e in beside if not self._known[n, e]]
+            upper[n, unknown] = self._bound[n, unknown]
+        return upper
+
+    def _shares(self, saturated: Array) -> Array:
+        """(N, E), of saturated values: between those measured, by the light on the sensor; 0 where none is known."""
+        light, known = self._cells.places[..., 0], np.isfinite(saturated)
+        if not known.any():
+            return np.zeros_like(saturated)
+        lights, which = np.unique(light[known].round(DIGITS), return_inverse=True)
+        shares = np.bincount(which, saturated[known]) / np.bincount(which)
+        return np.where(known, saturated, np.interp(light, lights, shares))
+
+    @property
+    def _least_saturated(self) -> Array:
+        """(N, E) shares that longer exposures surely have: those of shorter ones in the same light."""
+        known = np.where(self._known, self._saturated, 0.0)
+        least = np.empty_like(known)
+        for light in np.unique(self._cells.lights):
+            lit = self._cells.lights == light
+            least[lit] = np.maximum.accumulate(known[lit].max(axis=0))
+        return np.where(self._known, self._saturated, np.minimum(least, self._saturated))
+
+
+def most_promising(outlooks: Sequence[Outlook], count: int) -> list[Cell]:
+    """At most ``count`` cells to measure next, until nothing is to gain: each is the one that may gain most, with
+    those before it taken for measured."""
+    chosen: list[Cell] = []
+    while len(chosen) < count and (best := _greatest(outlook.promise() for outlook in outlooks)):
+        chosen.append(best.cell)
+        for outlook in outlooks:
+            outlook.suppose(best.cell)
+    return chosen
+
+
+def _greatest(promises: Iterable[Promise | None]) -> Promise | None:
+    return max((each for each in promises if each), key=lambda promise: promise.gain, default=None)
+
+
+def _slower(one: Velocity, other: Velocity) -> bool:
+    """Whether the other velocity is one's, only slower, or rest."""
+    (x, y), (u, v) = one, other
+    return math.hypot(u, v) < math.hypot(x, y) and math.isclose(x * v, y * u) and x * u + y * v >= 0

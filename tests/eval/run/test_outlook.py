@@ -1,0 +1,98 @@
+"""What a search may still gain, and which cell it measures next, of lines and scores that are made up."""
+
+import numpy as np
+import pytest
+from blurnoise_eval.answers.recommendation import Averages
+from blurnoise_eval.plan.axes import GAIN, LIGHT, SETTING
+from blurnoise_eval.run.outlook import Cells, Outlook, most_promising
+from blurnoise_eval.run.surface import USUAL
+
+EXPOSURES_S = tuple(np.geomspace(1e-3, 1.6e-2, 5).tolist())
+SPEEDS_PX_S = 0.0, 400.0, 800.0
+
+
+def setting(lux=100.0, gain_db=0.0):
+    values = {LIGHT.name: lux, GAIN.name: gain_db}
+    return tuple(values.get(name, 0.0) for name in SETTING)
+
+
+def cells_of(settings, speeds=SPEEDS_PX_S, **fields):
+    lines = [(each, (speed, 0.0)) for each in settings for speed in speeds]
+    at = [
+        [(np.log2(s * each[SETTING.index(LIGHT.name)]), np.log2(max(s * v[0], 0.5))) for s in EXPOSURES_S]
+        for each, v in lines
+    ]
+    settings, velocities = zip(*lines, strict=True)
+    return Cells(settings, velocities, EXPOSURES_S, np.ones(5, bool), np.array(at), **fields)
+
+
+def outlook(cells, value, saturated=0.0, ceiling=1.0):
+    value = np.array(value, float)
+    none = np.zeros((1, *value.shape))
+    measured = Averages(
+        "made", 0.5, cells.settings, cells.velocities_px_s, EXPOSURES_S, value, none, none[0], none[0],
+        np.ones(len(value)), np.where(np.isnan(value), np.nan, saturated),
+    )  # fmt: skip
+    return Outlook(measured, cells, ceiling, USUAL)
+
+
+NO = np.nan
+ONE_LINE = cells_of([setting()], speeds=(0.0,))
+
+
+def test_beside_the_best_exposure_is_measured_whatever_the_surface_says():
+    """Three scores on a straight line to the left of a cliff: no surface promises more beyond."""
+    asked = most_promising([outlook(ONE_LINE, [[0.2, 0.3, 0.4, NO, 0.0]])], 1)
+    assert asked == [(0, 3)]
+
+
+def test_what_reaches_the_score_on_the_original_pictures_is_not_improved_on():
+    assert most_promising([outlook(ONE_LINE, [[0.2, NO, 0.88, NO, 0.1]], ceiling=0.9)], 5) == []
+    assert most_promising([outlook(ONE_LINE, [[0.2, NO, 0.88, NO, 0.1]], ceiling=0.95)], 5) != []
+
+
+def test_more_motion_can_only_hurt():
+    """At rest one exposure keeps as little as that of the faster line: there is nothing to gain at it."""
+    at_rest, fast = [0.1, 0.5, 0.1, 0.1, 0.1], [NO, 0.48, NO, 0.1, 0.1]
+    both = cells_of([setting()], speeds=(0.0, 800.0))
+    assert most_promising([outlook(both, [at_rest, fast])], 5) == []
+    apart = cells_of([setting()], speeds=(0.0, 800.0), monotone=False)
+    assert (1, 2) in most_promising([outlook(apart, [at_rest, fast])], 5)
+
+
+@pytest.mark.parametrize(
+    ("velocities", "slower"),
+    [
+        (((0.0, 0.0), (300.0, 400.0), (600.0, 800.0)), [[0, 0, 0], [1, 0, 0], [1, 1, 0]]),
+        (((300.0, 0.0), (0.0, 600.0), (-900.0, 0.0)), [[0, 0, 0], [0, 0, 0], [0, 0, 0]]),
+    ],
+)
+def test_slower_is_of_one_direction_or_rest(velocities, slower):
+    cells = Cells((setting(),) * 3, velocities, EXPOSURES_S, np.ones(5, bool), np.zeros((3, 5, 2)))
+    assert cells.slower.astype(int).tolist() == slower
+
+
+def test_an_exposure_for_all_speeds_is_measured_at_each():
+    """Each line has its own best; no exposure has all three yet."""
+    value = [[NO, NO, NO, 0.9, NO], [NO, 0.88, NO, NO, NO], [0.9, NO, NO, NO, NO]]
+    seen = outlook(cells_of([setting()]), value, ceiling=0.9)
+    asked = most_promising([seen], 15)
+    known = np.isfinite(value)
+    for cell in asked:
+        known[cell] = True
+    assert known.all(axis=0).any()
+
+
+def test_a_shorter_exposure_that_saturates_says_that_longer_ones_do():
+    """The bright line's second exposure saturates by a half: of the longer ones nothing is measured to know it."""
+    value, shares = [[0.5, 0.9, NO, NO, NO]], [[0.0, 0.5, NO, NO, NO]]
+    (cell,) = most_promising([outlook(ONE_LINE, value, shares, ceiling=1.0)], 5) or [None]
+    assert cell is None
+
+
+def test_the_better_gain_at_each_exposure_is_what_counts():
+    """At 0 dB nothing is seen; at 24 dB the best exposure is known, and its neighbours are measured there alone."""
+    both = cells_of([setting(gain_db=0.0), setting(gain_db=24.0)], speeds=(0.0,))
+    asked = most_promising([outlook(both, [[0.0, 0.0, 0.0, 0.0, 0.0], [0.1, NO, 0.6, NO, 0.1]])], 2)
+    assert {n for n, _ in asked} == {1}
+    assert {e for _, e in asked} == {1, 3}
