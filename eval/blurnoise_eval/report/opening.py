@@ -418,6 +418,11 @@ class _OfModel:
                 text = EXPOSURE.text(end[0])
                 parts.append(f"Test {side[:-3]}er exposures: {text} is the {side} tested.")
         if self._suits_a_program:
+            manifest = self.data.manifest
+            if manifest.get("searched") and not manifest.get(
+                "predicted"
+            ):  # a program needs the rest of the grid
+                parts.append(f"Compute the whole grid with 'blurnoise sweep' and -o {run}.")
             parts.append(f"Make the camera's exposure program with 'blurnoise program {run} -o program'.")
         return (
             " ".join(parts) or "Check this with pictures of other scenes. With these, every verdict is clear."

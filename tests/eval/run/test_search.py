@@ -8,6 +8,7 @@ from blurnoise_eval.answers.settling import SETTLED
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.typed import AUTOMATIC
+from blurnoise_eval.report.opening import opening
 from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.run.search import Search, search
 from blurnoise_eval.run.setup import Batch
@@ -172,3 +173,7 @@ def test_a_large_grid_on_the_plane_is_searched_there():
     large = planned(PLAN.values("exposure_s"), lights, speeds, gain_db=(AUTOMATIC,))
     assert type(search(large, CAMERA)).__name__ == "PlaneSearch"
     assert isinstance(search(PLAN, CAMERA), Search)
+
+
+def test_before_a_program_it_asks_for_the_whole_grid(searched):
+    assert "Compute the whole grid with 'blurnoise sweep' and -o" in str(opening(searched.tables, "run"))
