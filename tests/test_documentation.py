@@ -108,7 +108,7 @@ def prepared(tmp_path, monkeypatch):
     made_files.write_all(tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        "blurnoise_eval.report.page.write_report", lambda data, folder, *_: folder / "report.html"
+        "blurnoise_eval.report.page.write_report", lambda data, folder, *_, **_options: folder / "report.html"
     )
     for name in ("rendered_signs", "rendered_texts"):
         monkeypatch.setattr(datasets, name, functools.partial(getattr(datasets, name), count=1))

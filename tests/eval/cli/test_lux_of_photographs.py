@@ -49,7 +49,7 @@ def test_an_explored_photograph_has_its_anchor(tmp_path, capsys):
     assert anchored.mean() > plain.mean() + 20
     taken = expose(
         np.full((24, 32, 3), 60, np.uint8),
-        "imx250",
+        "imx250m",
         grey_anchor="mean",
         exposure_s=0.01,
         illuminance_lux=60.0,
