@@ -85,7 +85,8 @@ def _write_camera(folder):
     )
     (folder / "qe.csv").write_text("400,0.4\n550,0.6\n700,0.3\n")
     made_frames.save(folder / "frames", made_frames.exposed(made_frames.drawn_camera(1), 1, size=(64, 80)))
-    made_frames.write_tuning(folder / "imx219.json")
+    for name in ("imx219.json", "imx477.json"):
+        made_frames.write_tuning(folder / name)
     (folder / "scale.csv").write_text("number,light\n10,0.01\n117,0.18\n243,0.9\n")
     (folder / "bracket").mkdir()
     ramp, rows = np.linspace(0.001, 1, 48 * 64).reshape(48, 64), ["file,exposure_s"]
