@@ -11,7 +11,7 @@ import numpy as np
 
 from blurnoise._core.checks import integer
 from blurnoise.metrics.values import Estimate
-from blurnoise_eval.calibration import bend, checks, doubts, patterns, transfer
+from blurnoise_eval.calibration import bend, checks, doubts, patterns, standard, transfer
 from blurnoise_eval.calibration.bend import Bend
 from blurnoise_eval.calibration.doubts import Doubt
 from blurnoise_eval.calibration.formats import RawLayout
@@ -20,6 +20,7 @@ from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.levels import Level, columns, level_of
 from blurnoise_eval.calibration.patterns import DarkPattern
 from blurnoise_eval.calibration.rounding import TWO_NUMBERS_DN
+from blurnoise_eval.calibration.standard import StandardFigures
 from blurnoise_eval.calibration.temporal import FrameMeans
 from blurnoise_eval.calibration.transfer import Linearity, Transfer
 from blurnoise_eval.calibration.uncertain import Uncertain
@@ -44,7 +45,8 @@ class Measurement:
     dark, flat: levels of the lowest gain, lowest_db, in steps of the converter; used: indices of the flat levels that
     were fitted. gains: by dB above the lowest, estimates of ``AT_GAIN``. bend: None if the variances follow the line.
     clip_dn: where flat frames clip, None if they do not. size_px: (width, height). cfa: the mosaic, None without one.
-    bits_given: whether the user gave the bit depth. notes: assumptions. doubts: why figures may be wrong.
+    bits_given: whether the user gave the bit depth. standard: the figures as EMVA 1288 defines them. notes:
+    assumptions. doubts: why figures may be wrong.
     """
 
     estimates: dict[str, Estimate]
@@ -61,6 +63,7 @@ class Measurement:
     bit_depth: int
     bits_given: bool
     clip_dn: float | None
+    standard: StandardFigures
     notes: Sequence[str]
     doubts: Sequence[Doubt]
 
@@ -150,6 +153,7 @@ def measure(
         gains=gains, bend=curve.bend, linearity=linear, size_px=files.size_px,
         cfa=None if files.site is None else files.cfa, bit_depth=bits, bits_given=bit_depth is not None,
         clip_dn=curve.clip_dn, doubts=found,
+        standard=standard.figures_of_frames(dark, flat, lowest.means.halves, means.halves),
         notes=[*files.notes, *checks.remarks(dark, flat), *_notes(fit, files)],
     )  # fmt: skip
 

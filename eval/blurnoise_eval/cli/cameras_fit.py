@@ -14,6 +14,7 @@ from blurnoise_eval.system.terminal import say, say_wrapped, show
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from blurnoise.camera import Camera
     from blurnoise_eval.calibration.fit import Measurement
 
 
@@ -135,7 +136,8 @@ def cameras_fit(
     if libcamera and libcamera.stem in PRESETS:
         base = libcamera.stem
     camera = to_camera.on_base(output.stem, {}, base)  # refuses a wrong base before the frames are read
-    curve, table, notes = None, None, list[str]()
+    curve, notes = None, list[str]()
+    tables: list[Table] = []
     if tone is not None:
         from blurnoise_eval.calibration.tone import measure_tone
 
@@ -168,7 +170,7 @@ def cameras_fit(
             raise ValueError(f"--strict: {'; '.join(missed)}; nothing was written")
         if plot:
             write_figure(plot, figure.draw_fit(measurement, camera.name), dpi=150)
-        table = _table(measurement)
+        tables = [_table(measurement), _standard(measurement, camera)]
         if measurement.cfa and set(measurement.cfa) != set(camera.sensor.cfa):
             filters = f"the camera file has the colour filters {camera.sensor.cfa} of its base"
             notes.append(f"{filters}; use --base imx250c for RGGB")
@@ -179,10 +181,24 @@ def cameras_fit(
         camera = to_camera.changed(camera, curve.known)
         notes += [f"tone: {curve.text}", *(f"warning: {doubt}" for doubt in curve.doubts)]
     camera.save(output)
-    show(table or figures(camera))
+    show(*(tables or [figures(camera)]))
     for note in notes:
         say_wrapped(note, hanging=2)
     say(*filter(None, (output, plot)))
+
+
+def _standard(measurement: Measurement, camera: Camera) -> Table:
+    """The figures as the standard defines them, beside the camera's."""
+    from rich.table import Table
+
+    from blurnoise_eval.calibration import standard
+
+    heads = [standard.HEADS[column] for column in (0, 1, 2, 6)]
+    table = Table(*heads, title="The same frames by EMVA 1288 release 4")
+    for row in standard.rows(measurement.standard, camera):
+        cells = dict(zip(standard.HEADS, row.cells(), strict=True))
+        table.add_row(*(cells[head] for head in heads))
+    return table
 
 
 def _table(measurement: Measurement) -> Table:

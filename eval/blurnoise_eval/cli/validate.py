@@ -58,10 +58,12 @@ def validate(
       blurnoise validate frames/ --camera mine.yaml -o check
       blurnoise validate real.png simulated.png --black-level 64 --full-scale 4095
 
-    Frames: REAL is a folder as for 'blurnoise cameras fit'. Compared are mean, variance, kurtosis, correlation, rows,
-    columns and spectrum of the noise and of the fixed pattern. A classifier also tries to tell real frames from
-    simulated ones. Without --camera, a camera is fitted to half of the levels and compared with the other half. The
-    command writes DIR/validation.html, .csv and .json, and the fitted camera as DIR/camera.yaml.
+    Frames: REAL is a folder as for 'blurnoise cameras fit'. First, the camera's figures are compared with those of
+    the frames as EMVA 1288 release 4 defines them: pass or fail. Then frames are simulated and compared: mean,
+    variance, rows, columns, correlation, kurtosis and spectrum of the noise and of the fixed pattern. A classifier
+    also tries to tell real frames from simulated ones. Without --camera, a camera is fitted to half of the levels and
+    compared with the other half. The command writes DIR/validation.html, .csv and .json, and the fitted camera as
+    DIR/camera.yaml.
 
     Pictures: compared are the mean, the noise of areas that are uniform in both pictures, and MTF50 of slanted edges.
     Align the pictures to a few pixels. Both should be linear: simulate with --bit-depth native, and use a raw picture
@@ -102,6 +104,7 @@ def _validate_frames(
 ) -> None:
     from blurnoise_eval import cameras
     from blurnoise_eval.calibration.formats import RawLayout
+    from blurnoise_eval.calibration.standard import HEADS
     from blurnoise_eval.measure import frames, page
     from blurnoise_eval.measure.comparison import summary
     from blurnoise_eval.system.files import check_outputs
@@ -118,7 +121,12 @@ def _validate_frames(
         }
         for kind, scores in validation.auc.items()
     }
-    facts = {"answer": validation.answer, "camera": validation.camera.name, "classifier": classifier}
+    facts = {
+        "standard": [row.record() for row in validation.standard],
+        "answer": validation.answer,
+        "camera": validation.camera.name,
+        "classifier": classifier,
+    }
     document = _write(validation.comparisons, facts | {"notes": [*validation.notes]}, output)
     notes = [*validation.notes]
     if output:
@@ -128,6 +136,11 @@ def _validate_frames(
     if as_json:
         say_json(document)
         return
+    say_wrapped(validation.of_standard)
+    say("")
+    shown = [row.cells()[:-1] for row in validation.standard]  # the page says why they differ
+    heads = HEADS[:-1]
+    say(*table_lines(heads, shown, [0 < column < 5 for column in range(len(heads))]), "")
     say_wrapped(validation.answer)
     for kind in validation.auc:
         say("")

@@ -7,6 +7,7 @@ mean frame, and the mean that a straight line through the other levels predicts.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -22,13 +23,16 @@ from blurnoise.camera.colour import PLANES
 from blurnoise.camera.radiometry import dark_electrons
 from blurnoise.metrics.values import Estimate
 from blurnoise.sensor.readout import read_out
-from blurnoise_eval.calibration import fit, to_camera
+from blurnoise_eval.calibration import fit, standard, to_camera
 from blurnoise_eval.calibration.checks import CLIPPED
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.formats import RawLayout
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Folder
 from blurnoise_eval.calibration.headers import refuse
+from blurnoise_eval.calibration.levels import level_of
 from blurnoise_eval.calibration.listing import FrameFile
+from blurnoise_eval.calibration.standard import FAIL, PASS, StandardRow
+from blurnoise_eval.calibration.temporal import FrameMeans
 from blurnoise_eval.calibration.uncertain import Z
 from blurnoise_eval.measure import classifier
 from blurnoise_eval.measure.comparison import DIFFERS, MeasureComparison, corrected
@@ -67,10 +71,12 @@ class Validation:
 
     fitted: the fit to the other levels, None where the camera was given. pairs: the levels that were compared. auc:
     by kind of frames, the classifier's score for real against simulated frames, and for real against real ones.
+    standard: figures of all levels as EMVA 1288 defines them, beside the camera's.
     """
 
     camera: Camera
     fitted: Measurement | None
+    standard: Sequence[StandardRow]
     comparisons: Sequence[MeasureComparison]
     auc: dict[str, tuple[Estimate, Estimate]]
     pairs: Sequence[LevelPair]
@@ -89,6 +95,15 @@ class Validation:
         levels = [level for level in self.of("flat", measure) if level.level not in self._dim]
         differences = [level.difference.value for level in levels if level.difference.available]
         return max(differences, key=abs, default=math.nan)
+
+    @property
+    def of_standard(self) -> str:
+        """How many figures of the standard pass, and which fail."""
+        passed, failed = (
+            [row for row in self.standard if row.verdict == verdict] for verdict in (PASS, FAIL)
+        )
+        names = f": {', '.join(row.title for row in failed)}" if failed else ""
+        return f"Of the figures of EMVA 1288, {len(passed)} pass and {len(failed)} fail{names}."
 
     @property
     def _dim(self) -> set[str]:
@@ -168,12 +183,17 @@ def validate(
         notes.append("the light is taken from the mean of each level, so the means are not compared")
     uncertainty = _Uncertainty(camera, light, fitted, _dark_scatter(files))
     pairs, comparisons = list[LevelPair](), list[MeasureComparison]()
+    measured = [] if fitted is None else [*fitted.dark, *fitted.flat]
+    means = {"dark": FrameMeans(), "flat": FrameMeans()}
     for level in levels:
         first, planes = level[0], _frames(files, level)
+        whole = planes.astype(np.uint16)
+        measured.append(level_of(whole, first, camera.sensor.black_level_dn)[0])
         name = f"{first.kind} {first.exposure_s * 1e3:g} ms"
         if (planes >= camera.sensor.clip_dn).mean() > CLIPPED:
             notes.append(f"{name}: is clipped and not compared")
             continue
+        deque(means[first.kind].add(whole), maxlen=0)
         real = FrameStack(planes)
         simulated = FrameStack(_simulated(camera, first, real, light, seed))
         pairs.append(LevelPair(name, first.kind, real, simulated))
@@ -183,11 +203,13 @@ def validate(
         comparisons += of_level if light.fitted or first.kind == "dark" else of_level[1:]
     by_kind = {kind: [pair for pair in pairs if pair.kind == kind] for kind in ("dark", "flat")}
     refuse(not by_kind["flat"], "frames: all flat levels are clipped; one or more must be below saturation")
-    if dark := by_kind["dark"]:
-        stacks = [pair.real for pair in dark], [pair.simulated for pair in dark]
+    if unlit := by_kind["dark"]:
+        stacks = [pair.real for pair in unlit], [pair.simulated for pair in unlit]
         comparisons.append(compare_scatter(*stacks, "dark"))
     auc = {kind: _separation(of_kind, seed) for kind, of_kind in by_kind.items() if of_kind}
-    return Validation(camera, fitted, corrected(comparisons), auc, pairs, notes)
+    dark, flat = ([level for level in measured if level.taken.kind == kind] for kind in ("dark", "flat"))
+    found = standard.figures_of_frames(dark, flat, means["dark"].halves, means["flat"].halves)
+    return Validation(camera, fitted, standard.rows(found, camera), corrected(comparisons), auc, pairs, notes)
 
 
 def _split(files: Folder) -> tuple[Folder, list[list[FrameFile]], list[str]]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from blurnoise_eval.calibration import standard
 from blurnoise_eval.measure.comparison import HEADS, summary
 from blurnoise_eval.measure.frames import LevelPair, Validation
 from blurnoise_eval.measure.statistics import Floats
@@ -34,6 +35,7 @@ def write(validation: Validation, folder: Path) -> Path:
         transfer=_png(draw_transfer(validation)),
         tables={kind: summary(validation.of(kind)) for kind in ("flat", "dark")},
         heads=HEADS,
+        standard_heads=standard.HEADS,
     )
     return page
 

@@ -159,14 +159,14 @@ VARIANCE = Statistic("variance", "variance, DN²", sums=_moments)
 STATISTICS: tuple[Statistic, ...] = (
     MEAN,
     VARIANCE,
-    Statistic("kurtosis", "kurtosis", "kurtosis", _moments, lambda m: m[..., 1] / m[..., 0] ** 2),
-    Statistic("correlation_x", "correlation x", "absolute", _moments, _ratio(2)),
-    Statistic("correlation_y", "correlation y", "absolute", _moments, _ratio(3)),
     _whole_lines("rows", "rows in time", lambda stack: stack.noise),
     _whole_lines("columns", "columns in time", lambda stack: stack.noise.swapaxes(1, 2)),
-    *_spectrum("noise", "noise", lambda stack: _octaves(stack.noise)),
     _whole_lines("pattern_rows", "rows of pattern", lambda stack: stack.pattern[None]),
     _whole_lines("pattern_columns", "columns of pattern", lambda stack: stack.pattern.T[None]),
+    Statistic("correlation_x", "correlation x", "absolute", _moments, _ratio(2)),
+    Statistic("correlation_y", "correlation y", "absolute", _moments, _ratio(3)),
+    Statistic("kurtosis", "kurtosis", "kurtosis", _moments, lambda m: m[..., 1] / m[..., 0] ** 2),
+    *_spectrum("noise", "noise", lambda stack: _octaves(stack.noise)),
     *_spectrum("pattern", "pattern", lambda stack: _octaves(stack.pattern[None])),
 )
 """All that is compared at a level of light; a new statistic is one entry."""

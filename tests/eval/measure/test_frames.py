@@ -203,7 +203,7 @@ def test_the_answer_follows_the_verdicts():
         level("dim", "flat", MEAN, 0.055), level("bright", "flat", MEAN, 0.004),
         level("dim", "flat", VARIANCE, 0.03), level("bright", "flat", VARIANCE, -0.01),
     ]  # fmt: skip
-    alike = Validation(CAMERA, None, rows, {}, pairs, [])
+    alike = Validation(CAMERA, None, [], rows, {}, pairs, [])
     assert {each.verdict for each in rows} == {AGREES}
     near = "mean within 0.4 %, variance within 1 % at 1 levels (and 1 dim ones)"
     expected = f"Simulated frames behave like the real frames: {near}. There are no significant differences."
@@ -233,13 +233,26 @@ def test_the_command_writes_page_tables_and_camera(tmp_path, capsys):
     words = ["validate", str(folder(tmp_path / "frames", seed=6, levels=5))]
     assert main([*words, "-o", str(out), "--camera", str(tmp_path / "mine.yaml")]) == 0
     shown = capsys.readouterr().out
-    assert shown.startswith("Simulated frames")
+    assert shown.startswith("Of the figures of EMVA 1288")
     assert max(map(len, shown.replace(str(out), "").splitlines())) <= 80
     rows = list(csv.DictReader((out / "validation.csv").open()))
     document = json.loads((out / "validation.json").read_text())
     assert [row["measure"] for row in rows] == [row["measure"] for row in document["rows"]]
     page = (out / "validation.html").read_text()
     assert document["answer"].partition(":")[0] in page
+    # the camera of the frames passes; without photons there is no quantum efficiency
+    verdicts = {row["figure"]: row["verdict"] for row in document["standard"]}
+    assert (verdicts["K"], verdicts["QE"]) == ("pass", "cannot tell")
+    assert (
+        page.index("Of the figures of EMVA 1288")
+        < page.index("system gain K")
+        < page.index("Simulated frames")
+    )
+    assert (
+        shown.index("Of the figures of EMVA 1288")
+        < shown.index("system gain K")
+        < shown.index("Simulated frames")
+    )
     assert page.count("data:image/png") == 2
     assert "://" not in page
     assert not (out / "camera.yaml").exists()
