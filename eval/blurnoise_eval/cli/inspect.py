@@ -77,6 +77,7 @@ def inspect(
     from blurnoise_eval.detectors.contract_files import contract_document
     from blurnoise_eval.detectors.model import OnnxModel
     from blurnoise_eval.detectors.ocr import Recogniser, is_recogniser
+    from blurnoise_eval.measure.photographs import photographs
     from blurnoise_eval.system.files import write_whole
 
     probed, remarks = _pictures(probe) if probe else ([], ())
@@ -99,6 +100,8 @@ def inspect(
     else:
         network, facts = _detector(opened, contract, probed)
     facts["warnings"] = [*facts["warnings"], *remarks]
+    if brought := photographs(probed):
+        facts["pictures"] = "; ".join(brought.texts)
     if kept is not None:
         write_whole(kept, (json.dumps(contract_document(network.contract), indent=1) + "\n").encode())
         facts["saved"] = str(kept)

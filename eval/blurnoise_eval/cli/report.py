@@ -14,6 +14,8 @@ from blurnoise_eval.plan.question import Question
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from blurnoise_eval.run.run import Run
     from blurnoise_eval.system.working_folder import WorkingFolder
 
@@ -83,11 +85,11 @@ def print_run(
     *,
     coco: bool = False,
     as_json: bool = False,
-    about_camera: str | None = None,
+    about: Sequence[str | None] = (),
 ) -> None:
     """Write a run's tables, figures and page; print its answers, and where the page is.
 
-    written: the folder of these, by default the run's. coco: also write COCO's files.
+    written: the folder of these, by default the run's. coco: also write COCO's files. about: further lines.
     """
     from blurnoise_eval.report.findings import alarms, reflectance
     from blurnoise_eval.report.words import counted
@@ -115,8 +117,8 @@ def print_run(
         )
     if about_light := reflectance(done.tables):
         say_wrapped(f"lux: {about_light}", hanging=2)
-    if about_camera:
-        say_wrapped(about_camera, hanging=2)
+    for line in filter(None, about):
+        say_wrapped(line, hanging=2)
     took = f" in {done.outcome.wall_s:.0f} s" if done.outcome is not None else ""
     n_skipped = len(summary["skipped"])
     skipped = f", {counted(n_skipped, 'picture')} skipped" if n_skipped else ""

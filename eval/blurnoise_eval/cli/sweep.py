@@ -38,6 +38,7 @@ def sweep(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:
 
 def computed(config: PlanFile, output: Location, as_json: bool, strategy: str) -> None:
     """Compute a plan by a strategy, write the run and print its answers."""
+    from blurnoise_eval.measure.photographs import about_photographs
     from blurnoise_eval.run.engines import engine_of
     from blurnoise_eval.run.evaluation import evaluate
     from blurnoise_eval.system.working_folder import written_run
@@ -58,4 +59,5 @@ def computed(config: PlanFile, output: Location, as_json: bool, strategy: str) -
             engine=engine,
             progress=True,
         )
-        print_run(done, as_json=as_json, about_camera=about_camera)
+        about = [] if as_json else [about_camera, about_photographs(pictures, camera, config.plan)]
+        print_run(done, as_json=as_json, about=about)
