@@ -99,7 +99,8 @@ def inspect(
         facts: dict[str, Any] = {"recognised": f"graph: {why}", "unknown": [], "warnings": []}
     else:
         network, facts = _detector(opened, contract, probed)
-    facts["warnings"] = [*facts["warnings"], *remarks]
+    what_runs, doubts = _what_runs(opened, network, probed)
+    facts["warnings"] = [*facts["warnings"], *doubts, *remarks]
     if brought := photographs(probed):
         facts["pictures"] = "; ".join(brought.texts)
     if kept is not None:
@@ -112,6 +113,7 @@ def inspect(
         "inputs": [f"{value.name} {value.shape} {value.type}" for value in session.get_inputs()],
         "outputs": [f"{value.name} {value.shape} {value.type}" for value in session.get_outputs()],
         "metadata": dict(sorted(opened.metadata.items())),
+        **what_runs,
         "family": network.contract.family,
         **facts,
     }
@@ -165,6 +167,26 @@ def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple
     if typed := contract_option(detector.contract):
         facts["--contract"] = typed
     return detector, facts
+
+
+def _what_runs(
+    model: OnnxModel, network: Detector | Recogniser, probed: Pictures
+) -> tuple[dict[str, Any], list[str]]:
+    """What onnxruntime executes, and warnings about it."""
+    from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.detectors.executed_graph import executed_graph, hot_pixel_text
+    from blurnoise_eval.detectors.recognition import drawn_picture
+
+    runs = executed_graph(model)
+    if runs is None:
+        return {}, []
+    facts: dict[str, Any] = {"runs": runs.text}
+    if runs.elsewhere:
+        facts["other runtimes"] = list(runs.elsewhere)
+    warnings = list(runs.warnings)
+    if "dynamic" in runs.quantization and isinstance(network, Detector):
+        warnings += filter(None, [hot_pixel_text(network, probed[0][1] if probed else drawn_picture())])
+    return facts, warnings
 
 
 def _found(

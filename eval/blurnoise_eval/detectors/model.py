@@ -112,7 +112,7 @@ class OnnxModel:
         self.timeout_s = in_range("timeout_s", timeout_s, 0, _MOST_S, above=True)
         self.path = fetched(source)
         self.name = self.path.stem
-        self.session = self._loaded()
+        self.session = self.load()
         self.sha256 = model_sha256(self.path)
         self.metadata: dict[str, str] = dict(self.session.get_modelmeta().custom_metadata_map)
         inputs, self.outputs = (
@@ -135,8 +135,11 @@ class OnnxModel:
     def __reduce__(self) -> tuple[Any, ...]:
         return self._opened_again, (), {"name": self.name}
 
-    def _loaded(self) -> ort.InferenceSession:
+    def load(self, *, optimised: Path | None = None) -> ort.InferenceSession:
+        """Open a session. optimised: where it writes the graph that it executes. Raises as the class does."""
         options = ort.SessionOptions()
+        if optimised is not None:
+            options.optimized_model_filepath = str(optimised)
         # One core: the workers of a sweep are the threads, and each asks the session for a picture of its own.
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3
