@@ -17,7 +17,7 @@ from blurnoise_eval.system.terminal import say, say_json
 if TYPE_CHECKING:
     from blurnoise_eval.bench.contest import Contest
 
-What = Literal["blur", "motion", "glare", "denoise", "sweep", "augment"]
+What = Literal["blur", "motion", "glare", "denoise", "sweep", "augment", "laws"]
 
 
 def bench(
@@ -53,11 +53,13 @@ def bench(
       denoise  noise reduction; also OpenCV and Kornia
       sweep    a sweep and plain onnxruntime
       augment  the augmentation, a training step, Kornia, and albumentations and nrtk if installed
+      laws     what an augmentation must do, tried on all libraries of augmentations that are installed
 
       python -m blurnoise_eval.bench motion --quick          half a minute
       python -m blurnoise_eval.bench sweep --model m.onnx    your own network
 
     DIR/WHAT.png is a chart of time and error; down and left is better. DIR/WHAT.csv has a row per method and case.
+    For laws, there is no chart.
     """  # fmt: skip
     for name, value in (("model", model), ("contract", contract), ("images", images)):
         if value is not None and what != "sweep":
@@ -66,7 +68,7 @@ def bench(
     folder = output or new_folder(f"bench-{what}")
 
     from blurnoise_eval import datasets
-    from blurnoise_eval.bench import contest, denoise, glare, motion, programs
+    from blurnoise_eval.bench import contest, denoise, glare, laws, motion, programs
     from blurnoise_eval.system.files import check_outputs
 
     check_outputs(folder, f"{what}.*")
@@ -81,16 +83,20 @@ def bench(
         pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=8)
         detector = inputs.detector(model, contract)
         contests["sweep"] = partial(programs.sweep, detector, pictures, workers)
-    chosen: Contest = contests[what](quick=quick)
-    with ProgressBar("bench", len(chosen.cases)) as advance:
-        result = contest.run(chosen, quick=quick, threads=workers, progress=advance)
+    result: contest.Result | laws.LawTable
+    if what == "laws":
+        result = laws.run()
+    else:
+        chosen: Contest = contests[what](quick=quick)
+        with ProgressBar("bench", len(chosen.cases)) as advance:
+            result = contest.run(chosen, quick=quick, threads=workers, progress=advance)
     folder.mkdir(parents=True, exist_ok=True)
     result.write(folder)
     if as_json:
         say_json(result.document())
         return
     say(*result.table())
-    say(f"chart: {folder / f'{what}.png'}")
+    say(f"table: {folder / 'laws.csv'}" if what == "laws" else f"chart: {folder / f'{what}.png'}")
 
 
 if __name__ == "__main__":
