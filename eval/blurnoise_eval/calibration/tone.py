@@ -1,30 +1,38 @@
 """Tone curve of a camera, from processed pictures: a bracket of one static scene, or the fields of a grey scale.
 
-Domain: pictures of 8 bits (or the upper 8 of 16); light is relative, 1 at the value 255. In a bracket, pixel i in
-picture j has g(z_ij) = ln E_i + ln T_j, where g is the logarithm of the light of value z: Debevec & Malik, Recovering
-High Dynamic Range Radiance Maps from Photographs, SIGGRAPH 1997. All pixels are used, and their E_i are eliminated.
-The difference of g to that of sRGB is smooth, by its second difference.
+Domain: pictures of 8 bits (or the upper 8 of 16); light is relative, 1 where pictures clip. A bracket's curve is
+fitted by :mod:`.response`. Pictures that moved (:mod:`.steady`) or do not fit their exposure are left out by name.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import combinations_with_replacement, pairwise
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.interpolate import PchipInterpolator
 
 from blurnoise._core.files import read_samples
-from blurnoise.camera.colour import Points, linear_from_srgb
+from blurnoise.camera.colour import Points
 from blurnoise_eval.calibration.frames import Floats
 from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.listing import table_reader, with_points
+from blurnoise_eval.calibration.response import (
+    BRIGHTEST,
+    DARKEST,
+    SRGB,
+    VALUES,
+    ToneResponse,
+    Values,
+    fit_response,
+)
+from blurnoise_eval.calibration.steady import MOST_PX, displacements_px
 from blurnoise_eval.calibration.to_camera import Known
 from blurnoise_eval.calibration.uncertain import Z
 from blurnoise_eval.datasets import decode
@@ -35,15 +43,14 @@ FEWEST_FIELDS = 3
 """Fewest fields of a grey scale; two would be a straight line."""
 _LIST, _SUFFIXES = "frames.csv", (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _EXIF, _EXPOSURE, _F_NUMBER, _ISO = 0x8769, 33434, 33437, 34855
-_DARKEST, _BRIGHTEST = 3, 254  # values that do not clip
-_MOST = 200_000  # pixels, at equal distances
-_SMOOTH = 12.0  # values over which the curve may bend
+_MOST = 20_000  # values of a picture, at equal distances
 _ENDS = 16  # values at both ends that a bracket need not contain
 _LEAST_COMMON = 128  # values of 256 that two pictures must share
 _OFF = 0.05  # relative error of the light of a picture above which its exposure time is doubtful
-_VALUES = np.arange(256.0)
-# The fit is of the difference to sRGB, which cameras depart from smoothly.
-_SRGB = np.log(np.maximum(linear_from_srgb(torch.from_numpy(_VALUES / 255)).numpy(), 1e-6))
+_MOST_OFF = 0.25  # above which there is no curve
+_MOST_RESIDUAL = 8.0  # values; JPEG files of real cameras have 1 to 4
+_MOST_SPREAD_EV = 0.5  # of the interval of the stops between the values 128 and 16
+_DARK, _MIDDLE = 16, 128
 _POINTS = np.unique([0, 1, 2, 3, 4, 6, 8, 12, *range(16, 256, 8), 255])  # values of the curve's points
 
 
@@ -67,16 +74,24 @@ def read_oecf(path: Path) -> Oecf:
 
 @dataclass(frozen=True)
 class Tone:
-    """A tone curve. points: (light, value). text: how it was measured, with its uncertainty. doubts: a line each."""
+    """A tone curve. points: (light, value). text: how it was measured, with its uncertainty. doubts: a line each.
+
+    Of a bracket also: names of the pictures that count, in rising order of exposure, which those of ``response``
+    (with the residual of each) are; left_out: a line for each picture that does not count, and why.
+    """
 
     points: Points
     text: str
     doubts: tuple[str, ...] = ()
+    response: ToneResponse | None = None
+    names: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def known(self) -> Known:
         """The field of a camera, with its source."""
-        return {"tone": (self.points, "; doubtful: ".join([self.text, *self.doubts]))}
+        notes = "; ".join([self.text, *(f"left out: {each}" for each in self.left_out)])
+        return {"tone": (self.points, "; doubtful: ".join([notes, *self.doubts]))}
 
 
 def measure_tone(path: Path) -> Tone:
@@ -84,7 +99,28 @@ def measure_tone(path: Path) -> Tone:
 
     Raises ``ValueError`` for missing or wrong data, ``OSError`` as reading does.
     """
-    return _of_bracket(path) if path.is_dir() else _of_scale(path)
+    if not path.is_dir():
+        return _of_scale(path)
+    files, exposures = read_bracket(path)
+    pictures, shape = [], None
+    for file in files:
+        picture = decode(file)
+        must = "must have the size and the channels of the pictures before"
+        refuse(picture.shape != (shape or picture.shape), f"{file}: {must}")
+        shape = picture.shape
+        pictures.append(np.rint(picture / (1 if picture.dtype == np.uint8 else 257)).astype(np.uint8))
+    return fit_tone(pictures, exposures, [file.name for file in files], str(path))
+
+
+def stops_between(points: Points, low: int = _DARK, high: int = _MIDDLE) -> float:
+    """Stops of light between two values of 255 on a tone curve.
+
+    >>> round(stops_between(((0.0, 0.0), (1.0, 1.0))), 1)  # of a line
+    3.0
+    """
+    light, values = np.array(points).T
+    dark, bright = np.interp([low / 255, high / 255], values, light)
+    return float(np.log2(bright / dark))
 
 
 def _of_scale(path: Path) -> Tone:
@@ -92,111 +128,144 @@ def _of_scale(path: Path) -> Tone:
     numbers, light = map(np.array, read_oecf(path))
     full = 255.0 if numbers[-1] < 256 else 65535.0
     values, lit = 255 * numbers / full, light > 0
-    over = np.log(light[lit]) - np.interp(values[lit], _VALUES, _SRGB)
-    at = np.clip(_VALUES, values[lit][0], values[lit][-1])
+    over = np.log(light[lit]) - np.interp(values[lit], VALUES, SRGB)
+    at = np.clip(VALUES, values[lit][0], values[lit][-1])
     black = float(values[~lit][-1]) if not lit.all() else 0.0
     smooth = PchipInterpolator(values[lit], over)
-    logs = smooth(at) + smooth.derivative()(at) * (_VALUES - at) + _SRGB
-    logs[black >= _VALUES] = -np.inf
+    logs = smooth(at) + smooth.derivative()(at) * (VALUES - at) + SRGB
+    logs[black >= VALUES] = -np.inf
     return Tone(
         _points(logs), f"measured: {len(numbers)} fields of the grey scale {path.name}, smooth between them"
     )
 
 
-def _of_bracket(folder: Path) -> Tone:
-    files, exposures = _listed(folder)
-    order = np.argsort(exposures)
-    files, times = [files[index] for index in order], np.log(exposures[order])
+def fit_tone(
+    pictures: Sequence[NDArray[np.uint8]],
+    exposures: Floats | Sequence[float],
+    names: Sequence[str],
+    about: str = "bracket",
+) -> Tone:
+    """Fit a tone curve to pictures (H, W) or (H, W, 3) of 8 bits of one still scene, in any order.
+
+    Of colours green counts: in bright ones, cameras pull red and blue towards white. exposures: of each picture, in
+    any unit (time times ISO over the squared f-number). names: of the pictures, for what is said of them. about: the
+    bracket's name in errors. A picture that has moved (:mod:`.steady`), or whose light does not fit its exposure
+    while that of the others does, is left out. Raises ``ValueError`` where too little is left, and where residual or
+    interval allow no curve.
+    """
+    order = np.argsort(exposures, kind="stable")
+    times = np.log(np.asarray(exposures, float)[order])
+    pictures, names = [pictures[index] for index in order], [names[index] for index in order]
     different = len(np.unique(times))
-    refuse(different < FEWEST, f"{folder}: {different} exposures; must be {FEWEST} or more")
-    stack = _stack(files)
-    logs, offsets, off = _fit(stack, times)
-    shared = ((stack >= _DARKEST) & (stack <= _BRIGHTEST)).sum(
-        0
-    ) > 1  # pixels that two pictures show unclipped
-    overlap = np.bincount(stack[:, shared].ravel(), minlength=256)
-    common = np.flatnonzero(overlap[_DARKEST : _BRIGHTEST + 1]) + _DARKEST
+    refuse(different < FEWEST, f"{about}: {different} exposures; must be {FEWEST} or more")
+    planes = [picture if picture.ndim == 2 else picture[..., 1] for picture in pictures]
+    stack = np.stack([plane.ravel()[:: max(1, plane.size // _MOST)] for plane in planes])
+    fit = fit_response(stack, times)
+    _check_common(about, stack, fit.top)
+    moved = np.abs(displacements_px(planes, fit)).max(1)
+    still = moved <= MOST_PX
+    gone = [f"{names[index]}: moved by {moved[index]:.0f} px" for index in np.flatnonzero(~still)]
+    must = "must stand still; a tripod is needed"
+    refuse(2 * len(gone) >= len(names) or still.sum() < FEWEST, f"{about}: {', '.join(gone)}; {must}")
+    keep = np.flatnonzero(still)
+    if gone:
+        fit = fit_response(stack[keep], times[keep])
+    keep, fit, wrong = _without_wrong(stack, times, keep, fit)
+    gone += [f"{names[index]}: its light is {off:+.0%} off its exposure time" for index, off in wrong]
+    tone = replace(_checked(about, fit, len(keep)), names=tuple(names[index] for index in keep))
+    low, high = _common(stack[keep], fit.top)
+    doubts = list(tone.doubts)
+    if low > _ENDS or high < fit.top - _ENDS:
+        doubts.append(f"values below {low} and above {high} are extrapolated")
+    return replace(tone, doubts=tuple(doubts), left_out=tuple(gone))
+
+
+def _without_wrong(
+    stack: Values, times: Floats, keep: NDArray[Any], fit: ToneResponse
+) -> tuple[NDArray[Any], ToneResponse, list[tuple[int, float]]]:
+    """Leave out pictures whose light does not fit their exposure, one by one: those without which the others fit.
+
+    Returns the pictures that are left, their response, and (picture, relative error of its light) of the others.
+    """
+    wrong: list[tuple[int, float]] = []
+    while np.nanmax(np.abs(fit.offsets)) > _OFF and len(keep) > FEWEST and 4 * len(wrong) < len(times):
+        fits = [
+            fit_response(*(np.delete(each[keep], out, 0) for each in (stack, times)), spread=False)
+            for out in range(len(keep))
+        ]
+        worst = [float(np.nanmax(np.abs(each.offsets))) for each in fits]
+        out = int(np.argmin(worst))
+        if worst[out] > max(_OFF, np.nanmax(np.abs(fit.offsets)) / 3):
+            break
+        index, keep = int(keep[out]), np.delete(keep, out)
+        fit = fit_response(stack[keep], times[keep])
+        alone = fit.light_of(stack[index : index + 1], times[index : index + 1])
+        off = np.nanmedian(alone - fit.light_of(stack[keep], times[keep]))
+        wrong.append((index, math.expm1(off)))
+    return keep, fit, wrong
+
+
+def _checked(about: str, fit: ToneResponse, pictures: int) -> Tone:
+    """The tone curve of a response. Raises ``ValueError`` where it is none."""
+    residual, off = float(np.nanmedian(fit.residuals)), float(np.nanmax(np.abs(fit.offsets)))
+    must = "must be pictures of one still scene under one light, with one tone curve and their own exposure times"
+    refuse(residual > _MOST_RESIDUAL, f"{about}: residual {residual:.2g} of 255; {must}")
+    refuse(
+        off > _MOST_OFF, f"{about}: light and exposure times differ by up to {math.expm1(off):.0%}; {must}"
+    )
+    spread = _ev(Z * fit.spread[_DARK])
+    few = "use more exposures, one or two stops apart"
+    refuse(spread > _MOST_SPREAD_EV, f"{about}: the curve is known to {spread:.1f} stops only; {few}")
+    stops = _ev(fit.logs[_MIDDLE] - fit.logs[_DARK])
+    text = f"measured: bracket of {pictures} pictures, residual {residual:.2g} of 255, {stops:.2f}"
+    text += f" ± {spread:.2f} stops" if math.isfinite(spread) else " stops"
+    text += f" from value {_MIDDLE} to {_DARK}"
+    if fit.top < BRIGHTEST:
+        text += f", clipped areas from value {fit.top + 1} on left out"
+    doubts = [f"light and exposure times differ by up to {math.expm1(off):.0%}"] if off > _OFF else []
+    return Tone(_points(fit.logs, fit.top, fit.clip), text, tuple(doubts), fit)
+
+
+def _ev(logs: float) -> float:
+    return float(logs / math.log(2))
+
+
+def _common(stack: Values, top: int) -> tuple[int, int]:
+    """The lowest and the highest value that pixels have which two pictures show unclipped."""
+    counts = np.flatnonzero(_shared(stack, top)[DARKEST : top + 1]) + DARKEST
+    return int(counts[0]), int(counts[-1])
+
+
+def _check_common(about: str, stack: Values, top: int) -> None:
+    count = np.count_nonzero(_shared(stack, top)[DARKEST : top + 1])
     must = f"must be {_LEAST_COMMON} or more; use a scene with dark and bright areas"
     must += ", exposures one or two stops apart"
-    few = f"{folder}: two pictures have {len(common)} of 256 values in common; {must}"
-    refuse(len(common) < _LEAST_COMMON, few)
-    text = f"measured: bracket of {len(files)} pictures, residual {off:.2g} of 255"
-    if len(files) > FEWEST:
-        others = [_fit(np.delete(stack, index, 0), np.delete(times, index))[0] for index in range(len(files))]
-        spread = np.std(np.array(others)[:, common], axis=0) * math.sqrt(len(files) - 1)  # jackknife
-        slope = np.gradient(logs)[common]
-        text += f", 95 % within {Z * float((spread / slope).max()) / 255:.2g} of white by leaving each out"
-    worst, doubts = int(np.abs(offsets).argmax()), list[str]()
-    if abs(offsets[worst]) > _OFF:
-        off_by = f"{math.expm1(offsets[worst]):+.0%}"
-        doubts.append(f"{files[worst].name}: by the curve, its light is {off_by} off its exposure time")
-    if common[0] > _ENDS or common[-1] < 255 - _ENDS:
-        doubts.append(f"values below {common[0]} and above {common[-1]} are extrapolated")
-    return Tone(_points(logs), text, tuple(doubts))
+    refuse(count < _LEAST_COMMON, f"{about}: two pictures have {count} of 256 values in common; {must}")
 
 
-def _points(logs: Floats) -> Points:
-    """Points (light, value) of the curve from the logarithm of light at each value."""
-    light = np.maximum.accumulate(np.exp(logs - logs[-1]))
+def _shared(stack: Values, top: int) -> NDArray[Any]:
+    """How often each value (256,) occurs among pixels that two pictures show unclipped."""
+    twice = ((stack >= DARKEST) & (stack <= top)).sum(0) > 1
+    return np.bincount(stack[:, twice].ravel(), minlength=256)
+
+
+def _points(logs: Floats, top: int = BRIGHTEST, clip: float = 255.0) -> Points:
+    """Points (light, value) of the curve from the logarithm of light at each value up to top; 1 is light of clip."""
+    light = np.maximum.accumulate(np.exp(np.minimum(logs - (0.0 if top < BRIGHTEST else logs[-1]), 0.0)))
     light[0] = 0.0
     rising = [0]
     for value in _POINTS[1:]:
-        if light[value] > light[rising[-1]]:
+        if light[value] > light[rising[-1]] and value <= top and light[value] < 1:
             rising.append(int(value))
-    rising[-1] = 255
-    return tuple((round(float(light[value]), 7), round(value / 255, 5)) for value in rising)
+    points = [(round(float(light[value]), 7), round(value / 255, 5)) for value in rising]
+    return (*points, (1.0, round(clip / 255, 5)))
 
 
-def _fit(stack: NDArray[np.uint8], times: Floats) -> tuple[Floats, Floats, float]:
-    """The logarithm of light at each value, the logarithmic error of each exposure time, and the RMS residual.
+def read_bracket(folder: Path) -> tuple[list[Path], Floats]:
+    """Pictures and their exposures, s, from frames.csv (file, exposure_s), or from EXIF, with ISO and f-number.
 
-    stack (J, N): values. Values that clip have no weight, and dark ones, where rounding dominates, have little.
+    Raises ``ValueError`` naming what is missing.
     """
-    weights = np.where((_VALUES >= _DARKEST) & (_VALUES <= _BRIGHTEST), (_VALUES / 255) ** 2, 0.0)
-    weight = weights[stack]
-    usable = (weight > 0).sum(0) > 1
-    stack, weight = stack[:, usable], weight[:, usable]
-    total = weight.sum(0)
-    known = times[:, None] - _SRGB[stack]
-    known -= (weight * known).sum(0) / total  # eliminates the light of the pixel
-    matrix = np.diag(np.bincount(stack.ravel(), weight.ravel(), 256))
-    wanted = np.bincount(stack.ravel(), (weight * known).ravel(), 256)
-    for one, other in combinations_with_replacement(range(len(stack)), 2):
-        pair = np.bincount(
-            256 * stack[one].astype(int) + stack[other], weight[one] * weight[other] / total, 1 << 16
-        )
-        pair = pair.reshape(256, 256)
-        matrix -= pair if one == other else pair + pair.T
-    bend = np.diff(np.eye(256), 2, axis=0)
-    smooth = float(np.trace(matrix)) / 256
-    gauge = np.outer(weights, weights) * smooth  # fixes the arbitrary unit of light
-    over = np.linalg.solve(matrix + smooth * _SMOOTH**4 / 256 * bend.T @ bend + gauge, wanted)
-    logs = over + _SRGB
-    left = over[stack] - known
-    left -= (weight * left).sum(0) / total
-    offsets = -(weight * left).sum(1) / weight.sum(1)
-    slope = np.maximum(np.gradient(logs), 1e-6)
-    off = math.sqrt(float((weight * (left / slope[stack]) ** 2).sum() / weight.sum()))
-    return logs, offsets, off
-
-
-def _stack(files: Sequence[Path]) -> NDArray[np.uint8]:
-    """Values (J, N) of the same pixels, in all colours, of all pictures."""
-    rows, shape = [], None
-    for file in files:
-        picture = decode(file)
-        refuse(
-            picture.shape != (shape or picture.shape),
-            f"{file}: must have the size and the channels of the pictures before",
-        )
-        shape = picture.shape
-        values = picture if picture.dtype == np.uint8 else np.rint(picture / 257).astype(np.uint8)
-        rows.append(values.ravel()[:: max(1, values.size // _MOST)])
-    return np.stack(rows)
-
-
-def _listed(folder: Path) -> tuple[list[Path], Floats]:
-    """Pictures and their exposures, s, from frames.csv (file, exposure_s), or from EXIF, with ISO and f-number."""
     if (folder / _LIST).is_file():
         reader = table_reader(folder / _LIST)
         names = [name.strip() for name in next(reader, [])]

@@ -179,7 +179,8 @@ def cameras_fit(
         notes += [f"{name}: {source}" for name, (_, source) in lux.items()]
     if curve is not None:
         camera = to_camera.changed(camera, curve.known)
-        notes += [f"tone: {curve.text}", *(f"warning: {doubt}" for doubt in curve.doubts)]
+        notes += [f"tone: {curve.text}", *(f"tone: left out: {each}" for each in curve.left_out)]
+        notes += [f"warning: {doubt}" for doubt in curve.doubts]
     camera.save(output)
     show(*(tables or [figures(camera)]))
     for note in notes:

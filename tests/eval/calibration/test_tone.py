@@ -1,11 +1,14 @@
 """Tone curves found again in brackets and grey scales of curves that are written out here."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from blurnoise_eval.calibration.tone import measure_tone
+from blurnoise_eval.calibration.tone import fit_tone, measure_tone, read_bracket
 from blurnoise_eval.datasets import decode, write_picture
 from commands import main
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 from blurnoise import Camera, Scene
 
@@ -59,7 +62,7 @@ def test_a_bracket_gives_the_curve_within_a_hundredth(tmp_path, curve, noise):
 
 
 def test_a_picture_made_linear_by_it_is_the_reflectance(tmp_path):
-    """Within 1 %, and what 8 bits round, from a tenth of white on; the file is a camera's, and a tone."""
+    """Within 2 %, and what 8 bits round, from a tenth of white on; the file is a camera's, and a tone."""
     folder, path = bracket(tmp_path / "bracket", shouldered), tmp_path / "mine.yaml"
     assert main(["cameras", "fit", "--tone", folder, "--base", "imx250m", "-o", path]) == 0
     camera = Camera.load(path)
@@ -68,9 +71,9 @@ def test_a_picture_made_linear_by_it_is_the_reflectance(tmp_path):
     picture = np.repeat(decode(folder / "4.png")[..., None], 3, 2)
     light = Scene.of_picture(picture, encoding=camera.isp.tone).light[0, 0].numpy()
     bright = (scene(0) > 0.1) & (scene(0) < 0.95)
-    assert light[bright].mean() == pytest.approx(scene(0)[bright].mean(), rel=0.01)
+    assert light[bright].mean() == pytest.approx(scene(0)[bright].mean(), rel=0.02)
     rounds = 0.5 / 255 / np.gradient(shouldered(GRID), GRID)  # light that half a value is worth
-    allowed = 0.01 * scene(0) + np.interp(scene(0), GRID, rounds)
+    allowed = 0.02 * scene(0) + np.interp(scene(0), GRID, rounds)
     assert (np.abs(light - scene(0)) < allowed)[bright].mean() > 0.99
     # a later fit keeps the rest of the file with its sources
     assert main(["cameras", "fit", "--tone", folder, "--base", path, "-o", tmp_path / "again.yaml"]) == 0
@@ -98,14 +101,85 @@ def test_exposures_are_those_of_exif(tmp_path):
     assert np.abs(np.interp(GRID, *np.array(found.points).T) - shouldered(GRID)).max() < 0.015
 
 
-def test_a_wrong_exposure_time_is_doubted(tmp_path):
+def test_a_wrong_exposure_time_is_named_and_left_out(tmp_path):
     folder = bracket(tmp_path / "bracket", shouldered)
     rows = (folder / "frames.csv").read_text().replace("2.png,0.002", "2.png,0.0023")
     # as Excel has it elsewhere
     (folder / "frames.csv").write_text(rows.replace(",", ";").replace(";0.", ";0,"))
     found = measure_tone(folder)
-    assert [doubt.split(":")[0] for doubt in found.doubts if "exposure time" in doubt] == ["2.png"]
-    assert found.doubts[0] in found.known["tone"][1]
+    assert found.left_out == ("2.png: its light is -13% off its exposure time",)  # 1 / 1.15
+    assert found.left_out[0] in found.known["tone"][1]
+    assert found.names == ("1.png", "4.png", "8.png", "16.png")
+    assert np.abs(np.interp(GRID, *np.array(found.points).T) - shouldered(GRID)).max() < 0.01
+
+
+def photographs(shift_px=(0, 0, 0, 0, 0), curve=shouldered):
+    """Five pictures of one scene of soft edges, a stop apart, that clip at 241 to 254 in place of 255."""
+    random = np.random.default_rng(2)
+    soft = gaussian_filter(random.normal(size=(120, 168)), 4, mode="wrap")
+    light, pictures = np.exp(1.3 * soft / soft.std() - 1.5), []
+    for number, shift in enumerate(shift_px):
+        value = 255 * curve(np.clip(np.roll(light, shift, 1) * 2.0 ** (number - 2), 0, 1))
+        ringing = np.clip(random.normal(250, 3, value.shape), 241, 254)
+        pictures.append(np.rint(np.where(value > 250, ringing, value)).astype(np.uint8))
+    return pictures, [2.0**number for number in range(len(shift_px))], list("abcde")
+
+
+def test_areas_that_clip_below_255_do_not_count():
+    """Those of a JPEG: the curve is that of the light, 1 where pictures reach the usual value of such areas."""
+    tone = fit_tone(*photographs())
+    assert tone.response.top in range(238, 247)
+    assert "clipped areas from value 24" in tone.text
+    light, values = np.array(tone.points).T
+    assert values[-1] == pytest.approx(250 / 255, abs=0.005)
+    # light 1 is that of values of 250: as a share of it
+    one = np.interp(250 / 255, shouldered(GRID), GRID)
+    assert np.interp(GRID, light * one, values)[:380] == pytest.approx(shouldered(GRID)[:380], abs=0.012)
+
+
+def test_a_picture_that_moved_is_named_and_left_out():
+    tone = fit_tone(*photographs((0, 0, 5, 0, 0)))
+    assert tone.left_out == ("c: moved by 5 px",)
+    assert tone.names == tuple("abde")
+    with pytest.raises(ValueError, match=r"bracket: a: moved by \d+ px, b.*must stand still; a tripod"):
+        fit_tone(*photographs((0, 7, 14, 21, 28)))
+
+
+@pytest.mark.parametrize("change", ["other scenes", "exposures"])
+def test_pictures_without_one_curve_are_refused(change):
+    pictures, exposures, names = photographs()
+    if change == "other scenes":
+        pictures = [
+            np.roll(picture, 50 * number, 0)[:, :: 1 - 2 * (number % 2)]
+            for number, picture in enumerate(pictures)
+        ]
+    else:
+        exposures = [1, 3, 4, 20, 25]
+    with pytest.raises(ValueError, match=r"bracket: .*must (be pictures of one still scene|stand still)"):
+        fit_tone(pictures, exposures, names)
+
+
+BRACKET = Path(__file__).parents[4] / "shared/real/bracket_window"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not BRACKET.is_dir(), reason="no photographs here")
+def test_halves_of_a_real_bracket_predict_the_other():
+    """Mean green within 2.5 of 255: its shutter is off by up to 2 %, which is worth 1."""
+    files, exposures = read_bracket(BRACKET)
+    pictures = [decode(file)[::2, ::2] for file in files]
+    green = np.stack([picture[..., 1].ravel() for picture in pictures])
+    times, every = np.log(exposures), np.arange(len(files))
+    for half in (every[::2], every[1::2]):
+        tone = fit_tone(
+            [pictures[each] for each in half], exposures[half], [files[each].name for each in half]
+        )
+        assert tone.left_out == ()
+        assert np.nanmax(tone.response.residuals) < 5
+        light = tone.response.light_of(green[half], times[half])
+        known = np.isfinite(light)
+        predicted = [tone.response.values_of(light[known] + time).mean() for time in times]
+        assert predicted == pytest.approx(green[:, known].mean(1).tolist(), abs=2.5)
 
 
 @pytest.mark.parametrize(
