@@ -51,3 +51,24 @@ def look_up_codes(table: NDArray[Any], codes: NDArray[np.uint16], out: NDArray[A
         cv2.LUT(codes, table[None], dst=out)
     else:
         np.take(table, codes, mode="clip", out=out)
+
+
+def look_up_mosaic(tables: NDArray[Any], codes: NDArray[np.uint16]) -> None:
+    """Replace each code of 16 bits of a mosaic (H, W) by its value in the table of its place, (2, 65536, 2).
+
+    >>> tables = np.arange(4, dtype=np.uint16).reshape(2, 1, 2).repeat(65_536, axis=1)
+    >>> codes = np.zeros((3, 3), np.uint16)
+    >>> look_up_mosaic(tables, codes)
+    >>> codes.tolist()
+    [[0, 1, 0], [2, 3, 2], [0, 1, 0]]
+    """
+    even = codes.shape[1] // 2 * 2
+    for row, table in enumerate(tables):
+        pairs = codes[row::2, :even].reshape(len(codes[row::2]), -1, 2)
+        if _LOOKS_UP_16_BITS and even:
+            cv2.LUT(pairs, table[None], dst=pairs)
+        else:
+            for column in range(2):
+                pairs[..., column] = table[pairs[..., column], column]
+        if even < codes.shape[1]:
+            codes[row::2, even] = table[codes[row::2, even], 0]

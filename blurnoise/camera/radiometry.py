@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 from itertools import pairwise
 from operator import add
 from types import MappingProxyType
@@ -233,10 +233,11 @@ def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") ->
     if camera.sensor.cfa == "mono":
         to[:, 0] = _weighted(source, weights(camera, illuminant)[0])
         return out
-    for site, of_site in enumerate(weights(camera, illuminant)):
-        y, x = divmod(site, 2)
-        # Only the light that this site sees: a fourth of the work of three planes for every site.
-        to[:, 0, y::2, x::2] = _weighted(source[..., y::2, x::2], of_site).clip(min=0.0)
+    pairs = -(-light.shape[-1] // 2)
+    for y, sites in enumerate(np.array(weights(camera, illuminant)).reshape(2, 2, 3)):
+        # Weights by column, so that rows are read as they are stored.
+        by_column = np.tile(sites.T, pairs)[:, : light.shape[-1]]
+        to[:, 0, y::2] = _weighted(source[..., y::2, :], by_column).clip(min=0.0)
     return out
 
 
@@ -273,8 +274,10 @@ def peak(camera: Camera, illuminant: str | Curve = "D55") -> float:
     return max(1.0, *(sum(max(0.0, weight) for weight in row) for row in weights(camera, illuminant)))
 
 
-def _weighted(light: Any, row: Row) -> Any:
-    """The weighted sum of the channels of (B, C, H, W), an array or a tensor."""
+def _weighted(light: Any, row: Any) -> Any:
+    """The weighted sum of the channels of (B, C, H, W), an array or a tensor; row: a number for each, or (3, W)."""
+    of_kind = light.new_tensor if isinstance(light, Tensor) else partial(np.asarray, dtype=light.dtype)
     if light.shape[1] == 1:
-        return light[:, 0] * sum(row)
-    return reduce(add, [light[:, channel] * weight for channel, weight in enumerate(row) if weight])
+        return light[:, 0] * of_kind(sum(row))
+    parts = [light[:, channel] * of_kind(weight) for channel, weight in enumerate(row) if np.any(weight)]
+    return reduce(add, parts)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.checks import an_instance, dense, finite
-from blurnoise._core.lookup import look_up, look_up_codes
+from blurnoise._core.lookup import look_up, look_up_codes, look_up_mosaic
 from blurnoise._core.luminance import LUMINANCE
 from blurnoise._core.threads import differentiable, same_bits, side_by_side
 from blurnoise.camera import Camera, colour
@@ -211,33 +211,34 @@ def _in_16_bits(dn: Tensor, at: Development, first: tuple[PictureStep, ...], tab
     """The colours of planes (B, 1, H, W) after a mosaic's steps, by ``table``: (B, 3, H, W), channels last."""
     batch, _, height, width = dn.shape
     camera = at.camera
-    gains = np.array(steps.site_gains(camera, at.illuminant)).reshape(2, 2)
-    sensor = camera.sensor
-    gains = gains / (sensor.full_scale_dn - sensor.black_level_dn)
-    tiles = np.tile(gains.astype(np.float32), ((height + 5) // 2, (width + 5) // 2))
-    by_site = tiles[: height + 4, : width + 4]  # with the margin
     rows = np.array(steps.matrix(camera, at.illuminant), np.float32)
-    coloured, highest = steps.COLOUR_MATRIX in first, np.float32(steps.highest(camera))
+    coloured, balanced = steps.COLOUR_MATRIX in first, _balanced_codes(camera, at.illuminant)
     frames = dn.detach().reshape(batch, height, width).numpy()
     out = torch.empty((batch, height, width, 3), dtype=getattr(torch, table.dtype.name))
 
     def frame(index: int) -> None:
-        numbers = np.subtract(frames[index], camera.sensor.black_level_dn, dtype=np.float32)
-        np.clip(
-            numbers,
-            -camera.sensor.black_level_dn,
-            camera.sensor.full_scale_dn - camera.sensor.black_level_dn,
-            out=numbers,
-        )
-        light = padded(numbers)
-        np.multiply(light, by_site, out=light)
-        np.minimum(light, highest, out=light)
-        # One call that scales, shifts, rounds and limits: what NumPy does in four passes.
-        codes = cv2.addWeighted(light, SCALE, light, 0.0, OFFSET, dtype=cv2.CV_16U)
-        colours = by_opencv(codes, camera.sensor.cfa, camera.isp.demosaic)
+        codes = frames[index]
+        if codes.dtype != np.uint16:
+            codes = np.clip(codes, 0, camera.sensor.full_scale_dn).astype(np.uint16)
+        light = padded(codes)
+        look_up_mosaic(balanced, light)
+        colours = by_opencv(light, camera.sensor.cfa, camera.isp.demosaic)
         if coloured:
             colours = cv2.transform(colours, rows)
         look_up_codes(table, colours, out[index].numpy())
 
     side_by_side(frame, range(batch), torch.get_num_threads())
     return out.permute(0, 3, 1, 2)
+
+
+@lru_cache(maxsize=32)
+def _balanced_codes(camera: Camera, illuminant: str | Curve) -> NDArray[np.uint16]:
+    """Balanced light in steps of 16 bits of every code of 16 bits, at the pattern's four places, (2, 65536, 2)."""
+    black_dn = camera.sensor.black_level_dn
+    white_dn = camera.sensor.full_scale_dn - black_dn
+    gains = np.array(steps.site_gains(camera, illuminant)).reshape(2, 1, 2) / white_dn
+    numbers = np.subtract(np.arange(1 << 16), black_dn, dtype=np.float32).clip(-black_dn, white_dn)
+    light = numbers[:, None] * gains.astype(np.float32)
+    light = np.minimum(light, np.float32(steps.highest(camera))).reshape(2, -1)
+    # One call that scales, shifts, rounds and limits: what NumPy does in four passes.
+    return cv2.addWeighted(light, SCALE, light, 0.0, OFFSET, dtype=cv2.CV_16U).reshape(2, -1, 2)

@@ -214,15 +214,18 @@ def _taken(
     """The frames of a batch: of each picture of the scene, or of its only one under each value of the exposure."""
     camera, digital_db = exposure.amplified
     reader, *later = readers(camera)
-    tolerance_dn, tones = options.tolerance_dn, None
+    tolerance_dn, tones, kind = options.tolerance_dn, None, scene.light.dtype
     if options.wanted == ("8 bit",) and not later:
         # Gain and colours amplify what a raw frame omits; the tolerance is that of the picture.
         tolerance_dn /= max(1.0, 10 ** (digital_db / 20)) * magnification(camera, exposure.illuminant)
         if tabulated(reader):  # each value depends on its own digital number alone: a table develops it
             tones = tones_8bit(reader, digital_db, exposure.illuminant)
+            kind = tones.dtype
+        elif options.quantised and scene.light.device.type == "cpu":
+            kind = torch.uint16  # nobody but development reads them, which is faster with integers
 
     raw = [
-        _capture(scene, at, seeds, options, tolerance_dn, tones, shared)
+        _capture(scene, at, seeds, options, tolerance_dn, tones, kind, shared)
         for at, seeds in captures_of_exposure(scene, exposure, batch)
     ]
 
@@ -252,9 +255,10 @@ def _capture(
     options: TakeOptions,
     tolerance_dn: float,
     tones: Tensor | None,
+    kind: torch.dtype,
     shared: Shared | None,
 ) -> Tensor:
-    """Digital numbers (B, C, H, W) of one capture, or their ``tones``; for a mosaic or one plane (B, 1, H, W)."""
+    """Digital numbers (B, C, H, W) of one capture, or their ``tones``, of this kind; of a mosaic (B, 1, H, W)."""
     # The scene as this capture finds it: in the light of a pulsed lamp, moved on since the first capture.
     batch = len(at.exposure_s)
     at_rest, before = scene.light.expand(batch, -1, -1, -1), at
@@ -265,7 +269,9 @@ def _capture(
 
     # Which parts of the chain each frame needs. Frames that need the same ones are computed together.
     alike: dict[Hashable, tuple[Plan, list[int]]] = {}
-    everything = options.fidelity == "full" or _differentiable(light, at)
+    with_gradients = _differentiable(light, at)
+    everything = options.fidelity == "full" or with_gradients
+    kind = light.dtype if with_gradients and tones is None else kind
     for item, one in enumerate(at.each()):
         white = whites[item] * radiometry.peak(at.camera, at.illuminant)
         plan = Plan((), at.camera) if everything else plan_at(one, tolerance_dn, white)
@@ -273,7 +279,6 @@ def _capture(
         alike.setdefault((plan, light_key), (plan, []))[1].append(item)
 
     planes = radiometry.planes(at.camera, light.shape[1])
-    kind = light.dtype if tones is None else tones.dtype
     out = light.new_empty((batch, planes, *scene.size), dtype=kind) if len(alike) > 1 else None
     for key, (plan, items) in alike.items():
         indices = _run(items)
@@ -288,8 +293,10 @@ def _capture(
         on_pixels = radiometry.on_sensor(lit, plan.camera, at.illuminant)
         # The sensor: photons to electrons, their noise, gain, and the converter.
         to = None if out is None or isinstance(indices, list) else out[indices]
-        if to is None and shared is None and tones is None and _owned(on_pixels, light):
+        if to is None and shared is None and kind is light.dtype and _owned(on_pixels, light):
             to = on_pixels  # the light is not needed again: its memory takes the digital numbers
+        elif to is None and kind is not light.dtype:
+            to = light.new_empty((len(items), planes, *scene.size), dtype=kind)
         reading = ReadoutOptions(
             seeds=[seeds[item] for item in items],
             fixed_pattern=_fixed_pattern(scene, plan.camera, planes, options.pattern_seed),
@@ -306,8 +313,11 @@ def _capture(
         dn = digitised(exposed, plan.reduced(read_under), reading)
         if out is None:
             return dn
-        if dn is not to or to is on_pixels:
-            out[indices] = dn
+        if dn is not to or isinstance(indices, list) or to is on_pixels:
+            for item, frame in zip(
+                items, dn, strict=True
+            ):  # PyTorch indexes no integers of 16 bits by a list
+                out[item] = frame
     return cast(Tensor, out)
 
 

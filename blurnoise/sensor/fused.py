@@ -26,7 +26,7 @@ from blurnoise.sensor import stages
 from blurnoise.sensor.stage import ReadoutFields, SensorStage
 
 Plane = NDArray[Any]
-_PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
+_PIECE = 1 << 16  # values: few enough for a core's own cache, enough to outweigh the calls
 _FAINT_E = 1e-9  # electrons of white: less is no unit to compute in
 _BEYOND_DN = 2.0**20  # at which light is clipped: above any converter, and within the last step's integers
 
