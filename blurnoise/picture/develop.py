@@ -241,4 +241,5 @@ def _balanced_codes(camera: Camera, illuminant: str | Curve) -> NDArray[np.uint1
     light = numbers[:, None] * gains.astype(np.float32)
     light = np.minimum(light, np.float32(steps.highest(camera))).reshape(2, -1)
     # One call that scales, shifts, rounds and limits: what NumPy does in four passes.
-    return cv2.addWeighted(light, SCALE, light, 0.0, OFFSET, dtype=cv2.CV_16U).reshape(2, -1, 2)
+    codes: Any = cv2.addWeighted(light, SCALE, light, 0.0, OFFSET, dtype=cv2.CV_16U)
+    return np.asarray(codes).reshape(2, -1, 2)

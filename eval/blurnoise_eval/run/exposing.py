@@ -260,6 +260,8 @@ def frames(scene: PictureScene, cells: Sequence[Cell], camera: Camera) -> Iterat
 
 def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
     """The share of pixels of (H, W, 3) in which a colour is at the limit or above."""
+    if picture.max(initial=0) < limit:  # of most pictures, and quick to see
+        return 0.0
     below = cv2.countNonZero(cv2.inRange(picture, (0, 0, 0), (limit - 1,) * 3))
     return float(1.0 - below / (picture.shape[0] * picture.shape[1]))
 

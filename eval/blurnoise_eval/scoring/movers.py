@@ -33,11 +33,15 @@ def box_sweeper(exposure: Exposure, objects: ObjectSettings = USUAL_OBJECTS) -> 
 def _mover(
     how: Callable[[Exposure], BoxesIn], exposure: Exposure, objects: ObjectSettings, within: bool = False
 ) -> MoveBoxes:
-    """within: not beyond the picture's border."""
+    """within: not beyond the picture's border. Boxes are moved once, however many lights a motion is seen in."""
+    found: dict[tuple[bytes, bytes, tuple[str, ...]], NDArray[np.float64]] = {}
 
     def move(
         boxes_xyxy: NDArray[np.float64], sizes_px: NDArray[np.float64], labels: Sequence[str] = ()
     ) -> NDArray[np.float64]:
+        key = boxes_xyxy.tobytes(), sizes_px.tobytes(), tuple(labels)
+        if key in found:
+            return found[key]
         moved = np.empty_like(boxes_xyxy)
         speed = [objects.speed_of(label) for label in labels] or [1.0]
         sizes = np.where(np.isnan(sizes_px), 0.0, sizes_px)
@@ -48,7 +52,9 @@ def _mover(
             move_alike = how(exposure.of_targets(factor))
             moved[alike] = move_alike(torch.from_numpy(boxes_xyxy[alike]), size_px).numpy()
         if within:
-            return swept_within(moved, boxes_xyxy, np.where(np.isnan(sizes_px), np.inf, sizes_px))
+            moved = swept_within(moved, boxes_xyxy, np.where(np.isnan(sizes_px), np.inf, sizes_px))
+        moved.flags.writeable = False  # it is given again
+        found[key] = moved
         return moved
 
     return move

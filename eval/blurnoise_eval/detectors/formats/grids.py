@@ -51,15 +51,17 @@ def _decode_yolox(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_s
     rows_kept = rows[kept]
     class_scores = rows_kept[:, 5:]
     class_scores *= rows_kept[:, 4:5]
+    # Before anything is computed of the boxes, or which class leads them.
+    strong = np.flatnonzero(class_scores.max(axis=1) >= min_score)
+    class_scores = class_scores[strong]
     scores, class_ids = best_class(class_scores)
-    strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
     boxes = rows_kept[strong, :4]
     column_row, stride = (values[kept[strong]] for values in grid(size_px))
     boxes[:, :2] += column_row
     with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
         np.exp(boxes[:, 2:], out=boxes[:, 2:])
         boxes *= stride
-    return select(boxes, scores[strong], class_ids[strong], min_score, class_scores[strong])
+    return select(boxes, scores, class_ids, min_score, class_scores)
 
 
 def _decode_fastest(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
