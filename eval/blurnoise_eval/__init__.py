@@ -20,12 +20,13 @@ if TYPE_CHECKING:
     from blurnoise_eval.run.evaluation import evaluate
     from blurnoise_eval.run.run import Run
     from blurnoise_eval.single_picture import expose
+    from blurnoise_eval.testing import assert_works
 
     STOP_SIGN: Path
 
 __all__ = [
     "AXES", "STOP_SIGN", "Detector", "PythonDetector", "Question", "Run", "SweepPlan", "TorchvisionDetector",
-    "datasets", "evaluate", "expose",
+    "assert_works", "datasets", "evaluate", "expose",
 ]  # fmt: skip
 _FROM = {
     "AXES": "plan.axes",
@@ -35,6 +36,7 @@ _FROM = {
     "Run": "run.run",
     "SweepPlan": "plan.plan",
     "TorchvisionDetector": "detectors.python_models",
+    "assert_works": "testing",
     "evaluate": "run.evaluation",
     "expose": "single_picture",
 }
