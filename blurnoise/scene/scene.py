@@ -72,10 +72,11 @@ class Scene:
         encoding: PictureTone = "srgb",
         **options: Any,
     ) -> Self:
-        """The scene of an 8- or 16-bit picture (H, W, C); the other options are those of the constructor.
+        """The scene of a picture (H, W, C) of 8 or 16 bits, or of floats, which are linear light of which 1 is white;
+        the other options are those of the constructor.
 
         grey_anchor: the part that reflects 18 %, see :class:`.metering.GreyAnchor`; None: brightness is reflectance.
-        encoding: the picture's tone curve.
+        encoding: the tone curve of 8 or 16 bits.
         """
         return cls(anchored(_decoded(picture, encoding), grey_anchor), **options)
 
@@ -163,6 +164,8 @@ def brightest(light: Tensor, layers: Sequence[Sequence[Layer]]) -> list[float]:
 def scene_reflectance(image: Tensor, encoding: PictureTone) -> Tensor:
     """Reflectance, linear light in [0, 1], of a picture (B, C, H, W) coded by the tone curve ``encoding``.
 
+    "linear": light as it is; more than 1 is brighter than white and stays.
+
     >>> scene_reflectance(torch.tensor([[[[0.0, 0.5, 1.0]]]]), "srgb").round(decimals=3)
     tensor([[[[0.0000, 0.2140, 1.0000]]]])
     """
@@ -171,8 +174,9 @@ def scene_reflectance(image: Tensor, encoding: PictureTone) -> Tensor:
     low, high = extremes(image)
     if not math.isfinite(low + high):  # extremes hand NaN on
         raise ValueError("image: contains NaN or Inf")
-    if low < 0.0 or high > 1.0:
-        raise ValueError(f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]")
+    if low < 0.0 or (high > 1.0 and curve != "linear"):
+        must = "be >= 0" if curve == "linear" else "lie within [0, 1], or be light (encoding = 'linear')"
+        raise ValueError(f"image: values span [{low:g}, {high:g}]; must {must}")
     return image if curve == "linear" else untoned(image, curve)
 
 
@@ -188,7 +192,10 @@ def extremes(values: Tensor) -> tuple[float, float]:
 
 
 def _decoded(picture: NDArray[Any], encoding: PictureTone) -> Tensor:
-    """``scene_reflectance`` of a picture (H, W, C), (1, C, H, W): looked up, since its codes are integers."""
+    """``scene_reflectance`` of a picture (H, W, C), (1, C, H, W). Integers are looked up, floats are light."""
+    if picture.dtype.kind == "f":
+        light = torch.from_numpy(np.ascontiguousarray(picture.transpose(2, 0, 1), np.float32))[None]
+        return scene_reflectance(light, "linear")
     most = np.iinfo(picture.dtype).max
     codes = torch.arange(most + 1, dtype=torch.float32) / float(most)
     table = scene_reflectance(codes[None, None, None], encoding).flatten().numpy()

@@ -58,7 +58,8 @@ def expose_pictures(
     around them. Pictures without masks move as a whole, and so do pictures that the masks cover entirely.
 
     lamp_lights: the exposure's pulsed lamp lights "all", or the "targets" of pictures with masks. encoding,
-    grey_anchor, fidelity: see :func:`blurnoise.simulate`; a black picture stays black, whatever its anchor.
+    grey_anchor, fidelity: see :func:`blurnoise.simulate`. Linear light may be above 1, brighter than white. A black
+    picture stays black, whatever its anchor.
     headlamp_lux: for each beam what headlamps add to the light on each pixel, lux, (B, 1, H, W), or (1, 1, H, W) for
     all pictures; the exposure's ``headlamp`` says which beam is on.
 
@@ -71,7 +72,7 @@ def expose_pictures(
     >>> expose_pictures(torch.full((2, 3, 4, 6), 0.5), exposure).shape
     torch.Size([2, 3, 4, 6])
     """
-    scene = _clamped(image)
+    scene = _clamped(image, light=encoding == "linear")
     batch, size = len(scene), (scene.shape[-2], scene.shape[-1])
     one_of("lamp_lights", lamp_lights, ("all", "targets"))
     if masks is not None:
@@ -230,12 +231,16 @@ def _memory_format(image: Tensor) -> torch.memory_format:
     return last if only else torch.contiguous_format
 
 
-def _clamped(image: Tensor) -> Tensor:
-    """``image``, at least float32, within [0, 1]. Raises ``ValueError`` that says what other values look like."""
+def _clamped(image: Tensor, *, light: bool = False) -> Tensor:
+    """``image``, at least float32, within [0, 1]; light: above 1 it is brighter than white, and stays. Raises
+    ``ValueError`` that says what other values look like."""
     halves = (torch.float16, torch.bfloat16)  # which cannot hold a full well's electrons
     image = image.float() if isinstance(image, Tensor) and image.dtype in halves else image
     image_batch("image", image)
     low, high = extremes(image)
+    # Whole numbers are those of a file, not light.
+    if light and low >= -_ROUNDING and high > 1.0 and not torch.equal(image, image.detach().round()):
+        return image.clamp_min(0.0)
     if low < -_ROUNDING or high > _BRIGHTEST:
         raise ValueError(
             f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]: {_cause(low, high)}"

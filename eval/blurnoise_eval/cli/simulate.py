@@ -24,7 +24,7 @@ def simulate(
         Path,
         Argument(
             metavar="IMAGE",
-            help="8- or 16-bit picture, grey or colour; float values with --picture-tone linear",
+            help="8- or 16-bit picture, grey or colour; float values (.hdr, .exr, .tiff) are linear light",
         ),
     ],
     *,
@@ -57,7 +57,7 @@ def simulate(
 
     from blurnoise import TakeOptions, plan, take
     from blurnoise.light.lights import light_text
-    from blurnoise_eval.datasets import Image, picture_doubts, write_picture
+    from blurnoise_eval.datasets import Coded, picture_doubts, write_picture
     from blurnoise_eval.default_camera import camera_text, is_grey_light
     from blurnoise_eval.plan.axes import LIT, axis
     from blurnoise_eval.plan.conditions import reflectance_text
@@ -77,7 +77,7 @@ def simulate(
         white=config.hdr_white,
     )
     frames = take(scene, exposure, options)
-    pictures: list[Image] = [*frames.native_images()] if native else [*frames.images()]
+    pictures: list[Coded] = [*frames.native_images()] if native else [*frames.images()]
     for number, picture in enumerate(pictures, 1):
         suffix = "" if number == 1 else f"_{number}"
         write_picture(output.with_name(f"{output.stem}{suffix}{output.suffix}"), picture)
@@ -89,7 +89,7 @@ def simulate(
         facts |= headlit_figures(headlit, exposure)
     elif config.beams:
         facts["headlamps"] = "light nothing, as no distance is known (--object with --distance-m)"
-    if config.grey_anchor is not None or config.emitters is not None or config.picture_tone == "linear":
+    if config.grey_anchor is not None or config.emitters is not None or float(light.max()) > 1:
         facts["above_white_percent"] = 100 * float((light.amax(1) > 1).double().mean())
     facts["reflectance"] = reflectance_text(config.grey_anchor, "--grey-anchor")
     needed = plan(exposure, scene, tolerance_dn=config.tolerance_dn) if explain else None

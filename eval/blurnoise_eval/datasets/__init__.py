@@ -11,16 +11,19 @@ from blurnoise_eval.datasets.folder import image_folder, picture_doubts
 from blurnoise_eval.datasets.images import (
     content,
     decode,
-    decode_linear,
+    decode_any,
     eight_bit,
     encode,
     read_picture,
     sample,
     size_px,
+    unit,
+    write_light,
     write_picture,
 )
 from blurnoise_eval.datasets.records import (
     DOUBTFUL_LABELS,
+    Coded,
     Image,
     Picture,
     PictureSet,
@@ -34,8 +37,9 @@ from blurnoise_eval.datasets.voc_labels import voc
 from blurnoise_eval.datasets.yolo_labels import yolo
 
 __all__ = [
-    "DOUBTFUL_LABELS", "RENDERED_SIZE_PX", "Image", "Picture", "PictureSet", "Target", "UnreadablePicture", "bdd",
-    "check_cut", "check_labelled", "coco", "content", "cut_out", "decode", "decode_linear", "eight_bit", "encode",
-    "image_folder", "outlines", "picture_doubts", "read_picture", "rendered_signs", "rendered_texts", "sample",
-    "size_group", "size_px", "target_mask", "texts", "voc", "write_picture", "yolo",
+    "DOUBTFUL_LABELS", "RENDERED_SIZE_PX", "Coded", "Image", "Picture", "PictureSet", "Target",
+    "UnreadablePicture", "bdd", "check_cut", "check_labelled", "coco", "content", "cut_out", "decode",
+    "decode_any", "eight_bit", "encode", "image_folder", "outlines", "picture_doubts", "read_picture",
+    "rendered_signs", "rendered_texts", "sample", "size_group", "size_px", "target_mask", "texts", "unit", "voc",
+    "write_light", "write_picture", "yolo",
 ]  # fmt: skip

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from blurnoise_eval.datasets import netpbm, tiff
-from blurnoise_eval.datasets.images import SUFFIXES, decode, depth_and_pages, read_picture
+from blurnoise_eval.datasets.images import OF_LIGHT, SUFFIXES, decode, depth_and_pages, read_picture
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES, note_inputs
 from blurnoise_eval.system.urls import Location, listing, location, versions
@@ -85,21 +85,27 @@ def is_litter(name: str) -> bool:
 
 
 def picture_doubts(folder: Location, names: Sequence[str]) -> list[str]:
-    """Signs, in up to ``_LOOKED_AT`` of the pictures, that the files mean other values than are read: pictures of 16
-    bits that use fewer, and TIFFs with more pages."""
+    """What is assumed of up to ``_LOOKED_AT`` of the pictures: that floats are linear light. Signs that they mean
+    other values than are read: 16 bits that use fewer, and TIFFs with more pages."""
     able = [name for name in names if name.lower().endswith(_SIXTEEN_BITS)]
     indices = np.unique(np.linspace(0, len(able) - 1, min(_LOOKED_AT, len(able))).round().astype(int))
     most, pages, doubts = 0, list[str](), list[str]()
+    lights = [name for name in names if name.lower().endswith(OF_LIGHT)]
     for name in (able[index] for index in indices):
         with suppress(UnreadablePicture):
             header = depth_and_pages(folder / name)
             pages += [name] * header.more_pages
-            if header.bits == 16:
+            lights += [name] * header.light
+            if header.bits == 16 and not header.light:
                 most = max(most, int(decode(folder / name, MAX_MEGAPIXELS).max()))
     if 0 < most < 2**_FEWER_BITS:
         doubts.append(
             f"doubtful values: the brightest of all is {most} of 65535 in the pictures of 16 bits: "
             f"{max(8, most.bit_length())} bits? They are read as {most / 65535:.1%} of white at most"
+        )
+    if lights:
+        doubts.append(
+            f"{lights[0]} holds floats: linear light, of which 1 is white and more is brighter than white"
         )
     if pages:
         doubts.append(f"doubtful pictures: {pages[0]} has more than one page; only the first is read")

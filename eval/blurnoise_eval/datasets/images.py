@@ -1,4 +1,4 @@
-"""Pictures as files: 8 or 16 bit, grey or colour, turned as their EXIF orientation says."""
+"""Pictures as files: 8 or 16 bit or linear light, grey or colour, turned as their EXIF orientation says."""
 
 from __future__ import annotations
 
@@ -8,20 +8,25 @@ from collections.abc import Sequence
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
 import PIL.Image
 import PIL.ImageOps
+import torch
 from numpy.typing import NDArray
 
+from blurnoise.camera.colour import srgb_from_linear
 from blurnoise_eval.datasets import netpbm, tiff
-from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
+from blurnoise_eval.datasets.records import Coded, Image, Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.system.files import check_regular, write_whole
 from blurnoise_eval.system.urls import Location, for_each, local_file, location
 
-SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".webp", *netpbm.SUFFIXES, *tiff.SUFFIXES)
+EXR = ".exr"
+OF_LIGHT = (EXR, ".hdr")
+"""Files of floats: linear light. A TIFF may be one, too."""
+SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".webp", *netpbm.SUFFIXES, *tiff.SUFFIXES, *OF_LIGHT)
 MOST_MEGAPIXELS = 178.0
 """Of any picture: of a larger one the reader of headers, Pillow, does not say the size."""
 _HEAD = 4096  # bytes that hold the headers of PNG and Netpbm
@@ -39,38 +44,48 @@ class _PictureHeader(NamedTuple):
     multiplied: bool
 
 
-def decode(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: str | None = None) -> Image:
+def decode(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: str | None = None) -> Coded:
     """Read a picture, (H, W) grey or (H, W, 3) RGB, 8 or 16 bit, turned as its EXIF orientation says.
 
     Transparency is left out: the colours are those under it. Raises :class:`UnreadablePicture` when the file is
-    missing, empty, no picture, or of more than ``max_megapixels``, by its header. known: an object's version, where
-    it has been looked up.
+    missing, empty, no picture, of floats, or of more than ``max_megapixels``, by its header. known: an object's
+    version, where it has been looked up.
     """
-    decoded = _stored(path, max_megapixels, known)
-    if str(path).lower().endswith(".exr") or (decoded is not None and decoded.dtype.kind == "f"):
-        linear = "with --picture-tone linear, in a plan picture_tone: linear, it is read as light"
-        raise UnreadablePicture(f"{path}: must be an 8- or 16-bit picture; {linear}")
-    if decoded is None or decoded.dtype not in (np.uint8, np.uint16):
-        raise UnreadablePicture(f"{path}: must be an 8- or 16-bit picture that OpenCV can decode")
-    return decoded
+    values = decode_any(path, max_megapixels, known)
+    if values.dtype == np.float32:
+        raise UnreadablePicture(
+            f"{path}: holds floats, which are linear light; must be an 8- or 16-bit picture"
+        )
+    return cast(Coded, values)
 
 
-def decode_linear(path: Path) -> NDArray[np.float32]:
-    """Read linear light, (H, W) or (H, W, 3): floats as they stand in the file, integers over their full scale.
+def decode_any(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: str | None = None) -> Image:
+    """As :func:`decode`; files of floats are read as linear light, float32, 1 is white.
 
     Of the formats with floats OpenCV reads .hdr, .tiff and .pfm, the package OpenEXR .exr. Raises
-    :class:`UnreadablePicture` as :func:`decode` does, and for light that is negative or not finite.
+    :class:`UnreadablePicture` also for light that is negative or not finite.
     """
-    values = _openexr(path) if path.suffix.lower() == ".exr" else _stored(path, MOST_MEGAPIXELS)
+    exr = str(path).lower().endswith(EXR)
+    values = _openexr(path, max_megapixels, known) if exr else _stored(path, max_megapixels, known)
     if values is None or (values.dtype not in (np.uint8, np.uint16) and values.dtype.kind != "f"):
-        raise UnreadablePicture(
-            f"{path}: must be a picture with float, 8-bit or 16-bit values that OpenCV can decode"
-        )
-    most = float(np.iinfo(values.dtype).max) if values.dtype.kind == "u" else 1.0
-    light = values.astype(np.float32) / np.float32(most)
+        must = "must be an 8- or 16-bit picture, or one of floats, that OpenCV can decode"
+        raise UnreadablePicture(f"{path}: {must}")
+    if values.dtype.kind == "u":
+        return cast(Coded, values)
+    light = values.astype(np.float32)
     if not np.isfinite(light).all() or light.min() < 0:
         raise UnreadablePicture(f"{path}: contains negative or infinite light; must be finite and >= 0")
     return light
+
+
+def unit(picture: Image) -> NDArray[np.float32]:
+    """Values as shares of full scale, of 8 and 16 bits; light as it is.
+
+    >>> unit(np.array([[51, 255]], np.uint8)).tolist(), unit(np.array([[40.0]], np.float32)).tolist()
+    ([[0.20000000298023224, 1.0]], [[40.0]])
+    """
+    most = {1: 255, 2: 65535, 4: 1}[picture.itemsize]
+    return picture.astype(np.float32) / np.float32(most)
 
 
 def _check_size(path: Location, size_px: tuple[int, int], max_megapixels: float) -> None:
@@ -80,17 +95,18 @@ def _check_size(path: Location, size_px: tuple[int, int], max_megapixels: float)
         raise UnreadablePicture(f"{path}: {size}; must be at most {max_megapixels:g}")
 
 
-def _openexr(path: Path) -> NDArray[np.float32]:
+def _openexr(path: Location, max_megapixels: float, known: str | None) -> NDArray[np.float32]:
     """The light of the first part, of its data window: channels R, G and B, or Y."""
     try:
         import OpenEXR
 
-        check_regular(path)
-        with OpenEXR.File(str(path), header_only=True) as file:
+        source = local_file(path, known=known)
+        check_regular(source)
+        with OpenEXR.File(str(source), header_only=True) as file:
             low, high = file.header()["dataWindow"]
         width, height = (np.subtract(high, low) + 1).tolist()
-        _check_size(path, (width, height), MOST_MEGAPIXELS)
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        _check_size(path, (width, height), max_megapixels)
+        with OpenEXR.File(str(source), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
         if counts := [
             name for name, pixels in channels.items() if name in "RGBY" and pixels.dtype.kind == "u"
@@ -170,10 +186,12 @@ def _header(path: Location, known: str | None = None) -> tuple[Path, _PictureHea
 
 
 class Depth(NamedTuple):
-    """Bits of a value, 0 where only decoding would say them, and whether the file has further pages."""
+    """Bits of a value, 0 where only decoding would say them, whether the file has further pages, and whether its
+    values are floats."""
 
     bits: int
     more_pages: bool = False
+    light: bool = False
 
 
 def depth_and_pages(path: Location) -> Depth:
@@ -184,7 +202,7 @@ def depth_and_pages(path: Location) -> Depth:
         with source.open("rb") as file:
             head = file.read(_HEAD)
             if page := tiff.first_page(head + file.read() if head[:2] in (b"II", b"MM") else b""):
-                return Depth(16 if page.bits > 8 else page.bits, page.more)
+                return Depth(16 if page.bits > 8 else page.bits, page.more, page.floats)
         if head.startswith(b"\x89PNG\r\n\x1a\n") and len(head) > _PNG_BITS:
             return Depth(head[_PNG_BITS])
         portable = netpbm.header(head)
@@ -201,7 +219,7 @@ def size_px(path: Location) -> tuple[int, int]:
     _, header = _header(path)
     if header and header.format != "TIFF":  # some releases of OpenCV turn a TIFF's
         return header.size_px
-    height, width = decode(path).shape[:2]
+    height, width = decode_any(path).shape[:2]
     return width, height
 
 
@@ -228,30 +246,35 @@ def content(picture: Image) -> str:
 def read_picture(
     path: str | Location, max_megapixels: float = MOST_MEGAPIXELS, known: str | None = None
 ) -> Image:
-    """As :func:`decode`, but always (H, W, 3) RGB: what detectors take.
+    """As :func:`decode_any`, but always (H, W, 3) RGB.
 
     >>> import numpy as np
     >>> write_picture("grey.png", np.full((60, 80), 128, np.uint8))
     >>> read_picture("grey.png").shape
     (60, 80, 3)
     """
-    picture = decode(location(path), max_megapixels, known)
+    picture = decode_any(location(path), max_megapixels, known)
     return picture if picture.ndim == 3 else np.ascontiguousarray(np.stack([picture] * 3, axis=-1))
 
 
 def eight_bit(picture: Image) -> NDArray[np.uint8]:
-    """The picture with 8 bits per channel, rounded; an 8-bit one as it is.
+    """The picture with 8 bits per channel, rounded; an 8-bit one as it is, linear light up to white coded as sRGB.
 
     >>> import numpy as np
     >>> eight_bit(np.array([[0, 32768, 65535]], np.uint16))
     array([[  0, 128, 255]], dtype=uint8)
+    >>> eight_bit(np.array([[0.0, 0.214, 40.0]], np.float32))
+    array([[  0, 127, 255]], dtype=uint8)
     """
     if picture.dtype == np.uint8:
         return np.asarray(picture, np.uint8)
-    return np.round(picture * (255.0 / 65535.0)).astype(np.uint8)
+    if picture.dtype == np.uint16:
+        return np.round(picture * (255.0 / 65535.0)).astype(np.uint8)
+    coded = srgb_from_linear(torch.from_numpy(np.ascontiguousarray(picture)))
+    return np.asarray(coded.mul(255.0).round().byte().numpy(), np.uint8)
 
 
-def write_picture(path: str | Path, picture: Image) -> None:
+def write_picture(path: str | Path, picture: Coded) -> None:
     """Write (H, W) grey or (H, W, 3) RGB, 8 or 16 bit; the suffix names the format.
 
     The file appears whole or not at all. Raises ``ValueError`` for an unknown suffix, ``OSError`` where it
@@ -267,6 +290,20 @@ def write_picture(path: str | Path, picture: Image) -> None:
     write_whole(file, data)
 
 
+def write_light(path: Path, light: NDArray[np.float32]) -> None:
+    """Write linear light, (H, W) or (H, W, 3), as .tiff of 32-bit floats, or .hdr, which keeps 8 bits of each.
+
+    Raises ``ValueError`` for another suffix, ``OSError`` where it cannot be written.
+
+    >>> write_light(Path("light.tiff"), np.array([[0.5, 40.0]], np.float32))
+    >>> decode_any(Path("light.tiff")).tolist()
+    [[0.5, 40.0]]
+    """
+    if path.suffix.lower() not in (".tif", ".tiff", ".hdr"):
+        raise ValueError(f"output = {str(path)!r}: must end in .tiff or .hdr for linear light")
+    write_whole(path, encode(light, path.suffix))
+
+
 def encode(picture: Image, suffix: str = ".png") -> bytes:
     """The bytes of a file of (H, W) grey or (H, W, 3) RGB. Raises OpenCV's error for an unknown suffix."""
     bgr = picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1])
@@ -274,11 +311,18 @@ def encode(picture: Image, suffix: str = ".png") -> bytes:
     return bytes(data)
 
 
-def sample(pictures: PictureSet, count: int) -> list[tuple[Picture, NDArray[np.uint8]]]:
-    """At most ``count`` of the pictures, evenly spread over the set, with 8 bits; those not readable left out."""
+def sample(
+    pictures: PictureSet, count: int, *, light: bool = True
+) -> list[tuple[Picture, NDArray[np.uint8]]]:
+    """At most ``count`` of the pictures, evenly spread over the set, with 8 bits; those not readable left out.
+
+    light: whether files of linear light count.
+    """
     chosen = []
     for index in np.unique(np.linspace(0, len(pictures) - 1, min(count, len(pictures))).round().astype(int)):
         picture = pictures.pictures[index]
         with suppress(UnreadablePicture):
-            chosen.append((picture, eight_bit(picture.load())))
+            image = picture.load()
+            if light or image.dtype != np.float32:
+                chosen.append((picture, eight_bit(image)))
     return chosen

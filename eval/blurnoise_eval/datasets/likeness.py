@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise_eval.datasets.images import eight_bit
 from blurnoise_eval.datasets.records import Image
 
 NEAR = 10
@@ -27,12 +28,14 @@ _STRUCTURE = 2.0  # DN of 255: standard deviation of the small picture below whi
 
 
 def perceptual_hash(picture: Image) -> str:
-    """The hash of a picture, (H, W) or (H, W, 3), 8 or 16 bit; empty for one without structure."""
+    """The hash of a picture, (H, W) or (H, W, 3), 8 or 16 bit or light; empty for one without structure."""
+    if picture.dtype == np.float32:
+        picture = eight_bit(picture)
     step = max(1, min(picture.shape[:2]) // _ENOUGH)
     sampled = np.ascontiguousarray(picture[::step, ::step])
     small = cv2.resize(sampled, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA).astype(np.float32)
     grey = small.mean(axis=2) if small.ndim == 3 else small
-    grey *= 255 / np.iinfo(picture.dtype).max
+    grey *= 255 / (255 if picture.dtype == np.uint8 else 65535)
     if grey.std() < _STRUCTURE:
         return ""
     low = cv2.dct(grey)[:_FREQUENCIES, :_FREQUENCIES].ravel()[1:]  # the mean is exposure

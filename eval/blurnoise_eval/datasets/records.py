@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 
 from blurnoise.scene.cutting import Cut
 
-Image = NDArray[np.uint8] | NDArray[np.uint16]
+Coded = NDArray[np.uint8] | NDArray[np.uint16]
+"""Values of a tone curve."""
+Image = Coded | NDArray[np.float32]
+"""Coded values, or linear light, of which 1 is white."""
 DOUBTFUL_LABELS = "doubtful labels: "
 """What a note of a set begins with where its labels may mean something else than is read."""
 
@@ -48,7 +51,7 @@ class Target:
 class Picture:
     """A picture by name. ``targets`` None: whatever the detector finds in the clean picture.
 
-    ``load`` returns (H, W, 3) RGB, 8 or 16 bit, sRGB-coded, and raises :class:`UnreadablePicture`.
+    ``load`` returns (H, W, 3) RGB, 8 or 16 bit, sRGB-coded, or linear light, and raises :class:`UnreadablePicture`.
     ``identity`` changes when the picture does, and may change without (a file's size and times): where it has
     changed, a resumed run looks at the picture's content.
     ``image_id`` is COCO's, else the place in the set, from 1 on.

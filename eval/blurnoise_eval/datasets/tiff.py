@@ -68,6 +68,11 @@ class Page(NamedTuple):
         """Of a value, the most of any channel."""
         return max(self.tags.get(_BITS) or (1,))
 
+    @property
+    def floats(self) -> bool:
+        """Whether values are floats: linear light."""
+        return self.one(_FORMAT, 1) == 3
+
 
 def first_page(data: bytes) -> Page | None:
     """The first page of a TIFF; None for a file of another format. Raises ``ValueError`` for a broken directory."""

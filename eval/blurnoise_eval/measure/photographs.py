@@ -107,7 +107,7 @@ def about_photographs(pictures: PictureSet, camera: Camera, plan: SweepPlan) -> 
     folder = pictures.folder
     if folder is None or pictures.kind == "rendered":
         return None
-    some = [(folder / picture.name, image) for picture, image in sample(pictures, SAMPLED)]
+    some = [(folder / picture.name, image) for picture, image in sample(pictures, SAMPLED, light=False)]
     found = photographs(some)
     if found is None:
         return None

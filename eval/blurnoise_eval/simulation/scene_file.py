@@ -25,7 +25,7 @@ from blurnoise.light.road_objects import RoadObject
 from blurnoise.scene.cutting import Cut, Matte, cut_out
 from blurnoise.scene.metering import anchored, mean_luma
 from blurnoise.scene.scene import scene_reflectance
-from blurnoise_eval.datasets import decode, decode_linear, segmentation
+from blurnoise_eval.datasets import decode, decode_any, segmentation, unit
 from blurnoise_eval.plan.axes import AXES, EGO, HEADLAMP
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.files import SceneFile
@@ -108,9 +108,13 @@ def _headlit(config: SceneFile, light: Tensor, exposure: Exposure, cut: Cut | No
 
 
 def light_of(image: Path, config: SceneFile) -> Tensor:
-    """A picture's linear light (1, C, H, W), 1 is white, by its tone curve, grey anchor and emitters."""
-    linear = config.picture_tone == "linear"
-    light = torch.from_numpy(decode_linear(image)) if linear else _shares(image)
+    """A picture's linear light (1, C, H, W), 1 is white, by its tone curve, grey anchor and emitters.
+
+    Floats are light, whatever the tone curve.
+    """
+    stored = decode_any(image)
+    linear = config.picture_tone == "linear" or stored.dtype.kind == "f"
+    light = torch.from_numpy(unit(stored))
     light = light[None, None] if light.ndim == 2 else light.permute(2, 0, 1)[None].contiguous()
     light = anchored(light if linear else scene_reflectance(light, config.picture_tone), config.grey_anchor)
     if config.emitters is None:
@@ -194,9 +198,7 @@ def _lamp(config: SceneFile, size: tuple[int, int]) -> tuple[Pwm | None, Tensor 
 
 def _shares(path: Path) -> Tensor:
     """A picture's codes as shares of the largest."""
-    # 255 or 65535, by the bytes of a value.
-    stored = decode(path)
-    return torch.from_numpy(stored.astype("float32") / float(2 ** (8 * stored.itemsize) - 1))
+    return torch.from_numpy(unit(decode(path)))
 
 
 def _mask(path: Path, size: tuple[int, int]) -> Tensor:

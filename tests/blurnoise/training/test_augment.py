@@ -13,7 +13,7 @@ from exposures import exposed
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from blurnoise import Camera, Exposure, develop, expose_pictures, simulate
+from blurnoise import Camera, Exposure, develop, expose_pictures, photoelectrons, simulate
 from blurnoise.motion.ego import Vehicle
 from blurnoise.training.arrays import expose_numpy
 from blurnoise.training.augmentation import RandomExposure
@@ -43,6 +43,23 @@ def test_is_simulate_and_develop(encoding, channels):
         # the angle's rounding moves light by less than a digital number, in few pixels
         alike = develop(dn, camera, encoding=encoding)[0] == out[index]
         assert float(alike.float().mean()) > 0.99
+
+
+def test_light_above_white_stays():
+    """A lamp of 20 times white is white where white itself is a tenth of full scale; of sRGB-coded pictures, and of
+    whole numbers, which are those of a file, values above 1 are refused."""
+    camera = Camera.preset("imx250")
+    tenth_lux = 0.1 * camera.sensor.full_well_e / photoelectrons(camera, 1.0, 0.01)
+    at: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": tenth_lux, "speed_px_s": 0.0, "p": 1.0}
+    image = torch.full((1, 3, 8, 11), 0.5)
+    image[..., 2:5, 3:7] = 20.0
+    out = RandomExposure(camera, encoding="linear", **at)(image)
+    assert float(out[..., 2:5, 3:7].min()) == 1.0
+    assert float(out[..., 6:, :].mean()) == pytest.approx(0.05, rel=0.05)
+    with pytest.raises(ValueError, match=r"must lie within \[0, 1\]"):
+        RandomExposure(camera, **at)(image)
+    with pytest.raises(ValueError, match="divide by 255"):
+        RandomExposure(camera, encoding="linear", **at)(image.round())
 
 
 DRAWN = {

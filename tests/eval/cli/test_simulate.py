@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.datasets import decode_linear, write_picture
+from blurnoise_eval.datasets import decode_any, write_picture
 from commands import main, pixels, told
 from exposed_frames import raw_frames
 
@@ -237,9 +237,9 @@ def test_lamps_pulse_or_shine_brighter_where_the_mask_is(capsys):
 
 
 def test_linear_light_of_files():
-    np.testing.assert_array_equal(decode_linear(Path("light.tiff")), LIGHT)
+    np.testing.assert_array_equal(decode_any(Path("light.tiff")), LIGHT)
     Path("light.hdr").write_bytes(cv2.imencode(".hdr", LIGHT[..., ::-1])[1].tobytes())
-    np.testing.assert_allclose(decode_linear(Path("light.hdr")), LIGHT, atol=8 / 128)  # one exponent, 8 bits
+    np.testing.assert_allclose(decode_any(Path("light.hdr")), LIGHT, atol=8 / 128)  # one exponent, 8 bits
 
 
 OBJECT = "--exposure-ms 10 --lux 250 --seed 3 --object"

@@ -16,15 +16,19 @@ from blurnoise_eval.datasets import (
     bdd,
     coco,
     decode,
-    decode_linear,
+    decode_any,
+    eight_bit,
     image_folder,
-    images,
     read_picture,
+    sample,
     size_group,
+    write_light,
     write_picture,
 )
 from blurnoise_eval.datasets.likeness import perceptual_hash, scenes
 from numpy.typing import NDArray
+
+from blurnoise import Scene
 
 ORIENTATION = 0x0112
 
@@ -158,10 +162,47 @@ def test_a_folder_is_read_in_order_and_below(tmp_path):
     assert [picture.identity for picture in image_folder(tmp_path)][1] != before[1]
 
 
-# --- linear light from OpenEXR files ---
+# --- linear light ---
+
+LIGHT = np.random.default_rng(3).uniform(0, 60, (7, 11, 3)).astype(np.float32)
+LIGHT[0, :4] = (0.0, 0.5, 1.0)
 
 
-def test_light_of_openexr(tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["a.tiff", "a.hdr", "a.exr"])
+def test_a_set_holds_light_above_white(tmp_path, name):
+    """As floats, with a note, not clipped; for the eye up to white, as sRGB."""
+    if name.endswith(".exr"):
+        header = {"compression": openexr().ZIP_COMPRESSION, "type": openexr().scanlineimage}
+        openexr().File(header, {"RGB": LIGHT}).write(str(tmp_path / name))
+    else:
+        write_light(tmp_path / name, LIGHT)
+    found = image_folder(tmp_path)
+    assert found.notes == (
+        f"{name} holds floats: linear light, of which 1 is white and more is brighter than white",
+    )
+    loaded = found.pictures[0].load()
+    # Radiance has one exponent for three colours of 8 bits
+    np.testing.assert_allclose(loaded, LIGHT, atol=64 / 256 if name == "a.hdr" else 0)
+    scene = Scene.of_picture(loaded).light
+    np.testing.assert_array_equal(scene[0].permute(1, 2, 0).numpy(), loaded)
+    coded = eight_bit(loaded)
+    assert coded.max() == 255
+    assert coded[0, 0].tolist() == [0, 188, 255]
+    assert [light.shape for _, light in sample(found, 3)] == [LIGHT.shape]
+    assert sample(found, 3, light=False) == []
+
+
+def openexr():
+    return pytest.importorskip("OpenEXR")
+
+
+def test_light_has_a_hash_of_its_look(tmp_path):
+    bright = np.kron(np.random.default_rng(1).uniform(0, 1, (9, 9)), np.ones((9, 9)))[..., None].repeat(3, 2)
+    coded = eight_bit(bright.astype(np.float32))
+    assert perceptual_hash(bright.astype(np.float32)) == perceptual_hash(coded) != ""
+
+
+def test_light_of_openexr(tmp_path):
     openexr = pytest.importorskip("OpenEXR")
     light = np.random.default_rng(3).uniform(0, 60, (7, 11, 3)).astype(np.float16)
     path = tmp_path / "a.exr"
@@ -172,15 +213,11 @@ def test_light_of_openexr(tmp_path, monkeypatch):
         return path
 
     grey = light[..., 0].copy()
-    np.testing.assert_array_equal(decode_linear(saved_light(RGB=light, Z=grey)), light.astype(np.float32))
-    np.testing.assert_array_equal(decode_linear(saved_light(Y=grey)), grey.astype(np.float32))
-    with monkeypatch.context() as patch:
-        patch.setattr(images, "MOST_MEGAPIXELS", 1e-5)
-        with pytest.raises(UnreadablePicture, match="11 x 7 px"):
-            decode_linear(path)
-    with pytest.raises(
-        UnreadablePicture, match=r"a\.exr: must be an 8- or 16-bit picture; with --picture-tone linear"
-    ):
+    np.testing.assert_array_equal(decode_any(saved_light(RGB=light, Z=grey)), light.astype(np.float32))
+    np.testing.assert_array_equal(decode_any(saved_light(Y=grey)), grey.astype(np.float32))
+    with pytest.raises(UnreadablePicture, match="11 x 7 px"):
+        decode_any(path, 1e-5)
+    with pytest.raises(UnreadablePicture, match=r"a\.exr: holds floats, .* must be an 8- or 16-bit picture"):
         decode(path)
     faulty = (
         ({"Z": grey}, "must have R, G, B or Y"),
@@ -190,10 +227,10 @@ def test_light_of_openexr(tmp_path, monkeypatch):
     )
     for planes, fault in faulty:
         with pytest.raises(UnreadablePicture, match=fault):
-            decode_linear(saved_light(**planes))
+            decode_any(saved_light(**planes))
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(UnreadablePicture, match=r"a\.exr"):
-        decode_linear(path)
+        decode_any(path)
 
 
 # --- pictures of one scene, by their hashes ---
