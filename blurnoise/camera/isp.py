@@ -24,10 +24,11 @@ _PICTURE_DN = Limit(0.0, 255.0)
 
 @dataclass(frozen=True)
 class NoiseReduction:
-    """Spatial noise reduction at a gain: a bilateral filter of 5 x 5 pixels on Y'CbCr.
+    """Spatial noise reduction at a gain: a bilateral filter on Y'CbCr.
 
     luma_sigma_dn, chroma_sigma_dn: of the weights by difference; neighbours that differ by less are averaged; 0: the
-    plane stays. strength: share of the filtered picture in the result, the rest is the picture itself. 3.2 times the
+    plane stays. strength: share of the filtered picture in the result, the rest is the picture itself. sigma_px: of
+    the weights by distance, which end at 4/3 of it, rounded; 1.5 is a window of 5 x 5 pixels. There, 3.2 times the
     deviation of white noise leaves a third of it. Raises ``TypeError`` or ``ValueError``.
 
     >>> NoiseReduction(gain_db=12.0, luma_sigma_dn=6.0, chroma_sigma_dn=12.0).strength
@@ -38,6 +39,16 @@ class NoiseReduction:
     luma_sigma_dn: Annotated[Figure, within(_PICTURE_DN)] = 0.0
     chroma_sigma_dn: Annotated[Figure, within(_PICTURE_DN)] = 0.0
     strength: Annotated[Figure, within(SHARE)] = 1.0
+    sigma_px: Annotated[Figure, within(Limit(0.5, 6.0))] = 1.5
+
+    @property
+    def reach_px(self) -> int:
+        """Pixels from the middle of the window to its side.
+
+        >>> NoiseReduction().reach_px, NoiseReduction(sigma_px=6.0).reach_px
+        (2, 8)
+        """
+        return max(1, round(self.sigma_px * 4 / 3))
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -8,7 +8,9 @@ which has no derivatives; its bits depend neither on threads nor on the batch.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -20,11 +22,6 @@ from blurnoise._core.threads import side_by_side
 from blurnoise.camera.isp import LocalTone, NoiseReduction, Sharpening
 
 Image = NDArray[np.uint8]
-WINDOW_PX, WINDOW_SIGMA_PX = 5, 1.5
-"""Diameter of noise reduction's filter, and sigma of its weights by distance."""
-STEEPEST = 2.6
-"""Bound on the slope of noise reduction: where a value between two groups of neighbours, u sigma^2 away in squares,
-moves to one of them, it is (1 + n u e^(-u/2)) / (1 + n e^(-u/2)); n = 7.4, their weights by distance; u = 4.6."""
 
 
 def by_image(picture: Tensor, work: Callable[[Image], Image]) -> Tensor:
@@ -73,10 +70,28 @@ def denoised(image: Image, at: NoiseReduction) -> Image:
         (at.luma_sigma_dn, at.chroma_sigma_dn, at.chroma_sigma_dn)[: len(planes)]
     ):
         if sigma_dn:  # of which OpenCV makes 1
-            planes[index] = cv2.bilateralFilter(planes[index], WINDOW_PX, sigma_dn, WINDOW_SIGMA_PX)
+            planes[index] = cv2.bilateralFilter(planes[index], 2 * at.reach_px + 1, sigma_dn, at.sigma_px)
     filtered = planes[0] if image.ndim == 2 else cv2.cvtColor(cv2.merge(planes), cv2.COLOR_YCrCb2RGB)
     mixed: Image = cv2.addWeighted(filtered, at.strength, exact, 1 - at.strength, 0, dtype=cv2.CV_8U)
     return mixed
+
+
+@lru_cache(maxsize=256)
+def steepest(at: NoiseReduction) -> float:
+    """Bound on the slope of noise reduction, rounded up to tenths.
+
+    Where a value between two groups of neighbours, u sigma^2 away in squares, moves to one of them, the slope is
+    (1 + n u e^(-u/2)) / (1 + n e^(-u/2)); n: their weights by distance.
+
+    >>> steepest(NoiseReduction()), steepest(NoiseReduction(sigma_px=3.0))
+    (2.6, 4.0)
+    """
+    reach = at.reach_px
+    squares = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) ** 2
+    n = np.exp(-squares / (2 * at.sigma_px**2))[squares <= reach**2].sum() - 1
+    u = np.linspace(0.0, 40.0, 4001)
+    weight = n * np.exp(-u / 2)
+    return math.ceil(10 * float(((1 + u * weight) / (1 + weight)).max())) / 10
 
 
 def locally_toned(image: Image, at: LocalTone) -> Image:

@@ -210,7 +210,7 @@ STEPS = (
     COLOUR_MATRIX,
     PictureStep("digital gain", _amplified),
     PictureStep("tone", _toned),
-    _enhancing("noise reduction", "noise_reduction", enhancement.denoised, lambda row: enhancement.STEEPEST),
+    _enhancing("noise reduction", "noise_reduction", enhancement.denoised, enhancement.steepest),
     _enhancing("local tone", "local_tone", enhancement.locally_toned, lambda row: 1 + row.clip_limit),
     _enhancing("sharpening", "sharpening", enhancement.sharpened, lambda row: 1 + row.strength),
     PictureStep(

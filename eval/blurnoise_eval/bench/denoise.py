@@ -15,12 +15,13 @@ import torch
 from numpy.typing import NDArray
 
 from blurnoise.camera.isp import NoiseReduction
-from blurnoise.picture.enhancement import WINDOW_PX, WINDOW_SIGMA_PX, denoised
+from blurnoise.picture.enhancement import denoised
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 
 SIZE = 640
 SIGMA_DN = 20.0
 NOISE_DN = 6.0
+WINDOW_PX, WINDOW_SIGMA_PX = 2 * NoiseReduction().reach_px + 1, NoiseReduction().sigma_px
 Picture = NDArray[Any]
 
 

@@ -48,6 +48,14 @@ def cameras_fit(
             "a grey scale (number, light)",
         ),
     ] = None,
+    developed: Annotated[
+        Path | None,
+        Option(
+            metavar="FOLDER",
+            help="also fit noise reduction and sharpening, from flat frames as the camera delivers them, two or more "
+            "at each gain",
+        ),
+    ] = None,
     grey_card: Annotated[
         str | None,
         Option(
@@ -83,6 +91,7 @@ def cameras_fit(
       blurnoise cameras fit --dng photo.dng -o phone.yaml
       blurnoise cameras fit --libcamera imx219.json -o pi.yaml
       blurnoise cameras fit --tone bracket/ --base mine.yaml -o toned.yaml
+      blurnoise cameras fit --developed flats/ --base mine.yaml -o denoised.yaml
 
     Measured are gain, read noise, dark current, black level, saturation, PRNU, DSNU and linearity, each with a 95 %
     interval. Plots are written beside the camera file, as mine.png. The camera is tried on its own frames: what
@@ -109,6 +118,9 @@ def cameras_fit(
 
     For --tone, take pictures of one scene from a tripod, at several exposures, as the camera delivers them (JPEG,
     too). The exposures come from EXIF or from frames.csv (file, exposure_s).
+
+    For --developed, take pictures of an even grey surface as the camera delivers them, some seconds apart. All of one
+    gain have the same light and exposure. The gains come from ISO in EXIF or from frames.csv (file, gain_db).
     """
     from blurnoise._core import checks
     from blurnoise.camera import PRESETS
@@ -118,8 +130,8 @@ def cameras_fit(
     checks.one_of(f"suffix of {output}", output.suffix.lower(), (".yaml", ".yml", ".json"))
     plot = None if folder is None else new_file(str(output.with_suffix(".png")))
     sources = [path for path in (folder, dng, libcamera) if path is not None]
-    if len(sources) > 1 or not (sources or tone):
-        must = "exactly one is needed, as in 'blurnoise cameras fit FOLDER -o mine.yaml', or --tone alone"
+    if len(sources) > 1 or not (sources or tone or developed):
+        must = "exactly one is needed, as in 'blurnoise cameras fit FOLDER -o mine.yaml', or --tone or --developed"
         raise ValueError(f"folder, dng, libcamera: {must}")
     of_frames: dict[str, Any] = {
         "temperature_c": temperature_c,
@@ -181,6 +193,13 @@ def cameras_fit(
         camera = to_camera.changed(camera, curve.known)
         notes += [f"tone: {curve.text}", *(f"tone: left out: {each}" for each in curve.left_out)]
         notes += [f"warning: {doubt}" for doubt in curve.doubts]
+    if developed is not None:
+        from blurnoise_eval.calibration.developed import measure_developed
+
+        steps = measure_developed(developed, camera)
+        camera = to_camera.changed(camera, steps.known)
+        notes += [f"developed, {at.text}" for at in steps.gains]
+        notes += [f"warning: {doubt}" for doubt in steps.doubts]
     camera.save(output)
     show(*(tables or [figures(camera)]))
     for note in notes:

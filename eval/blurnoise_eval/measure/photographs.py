@@ -15,14 +15,14 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as Pillow
 
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet, sample
+from blurnoise_eval.datasets.jpeg import encoding
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.single_picture import expose
-from blurnoise_eval.system.urls import Location, local_file
+from blurnoise_eval.system.urls import Location
 
 SAMPLED = 16
 """Pictures of a set in which noise is measured."""
@@ -40,14 +40,6 @@ _SATURATED_SHARE = 0.01
 _SECOND_DIFFERENCES = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
 """Immerkaer's mask (Computer Vision and Image Understanding 64 (1996) 300): it keeps the variance of white noise, and
 of a scene what is no sum of a function of x and one of y of second order."""
-_LUMINANCE_TABLE = (
-    16, 11, 10, 16, 24, 40, 51, 61, 12, 12, 14, 19, 26, 58, 60, 55, 14, 13, 16, 24, 40, 57, 69, 56,
-    14, 17, 22, 29, 51, 87, 80, 62, 18, 22, 37, 56, 68, 109, 103, 77, 24, 35, 55, 64, 81, 104, 113, 92,
-    49, 64, 78, 87, 103, 121, 120, 101, 72, 92, 95, 98, 112, 100, 103, 99,
-)  # fmt: skip
-"""ITU-T T.81, table K.1: that of quality 50 in libjpeg."""
-
-Grey = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -91,7 +83,7 @@ def photographs(pictures: Sequence[tuple[Location | None, NDArray[np.uint8]]]) -
         return None
     deviations, levels = np.array(noise).T
     clipped = [float((image >= _WHITE).any(-1).mean()) for _, image in pictures]
-    qualities = [quality for file, _ in pictures if file is not None and (quality := _quality(file))]
+    qualities = [encoded.quality for file, _ in pictures if file is not None and (encoded := encoding(file))]
     return Photographs(
         float(np.median(deviations)),
         float(np.quantile(deviations, 0.9)),
@@ -185,28 +177,7 @@ def _raised_text(shares: Mapping[float, tuple[float, float]]) -> str:
     return f", simulated once more: frames at {lux:g} lux have {usual:.0%}{tenth} more noise{darker}"
 
 
-def jpeg_quality(table: list[int]) -> int:
-    """The quality at which libjpeg's table of luma is nearest to one, (64,) in any order, by its mean.
-
-    >>> jpeg_quality([1] * 64), jpeg_quality([*_LUMINANCE_TABLE])
-    (100, 50)
-    """
-    base, quality = np.array(_LUMINANCE_TABLE), np.arange(1, 101)[:, None]
-    scale = np.where(quality < 50, 5000 // quality, 200 - 2 * quality)
-    tables = np.clip((base * scale + 50) // 100, 1, 255)
-    return int(np.abs(tables.mean(1) - np.mean(table)).argmin()) + 1
-
-
-def _quality(file: Location) -> int | None:
-    try:
-        with Pillow.open(local_file(file)) as opened:
-            tables = getattr(opened, "quantization", None)
-            return jpeg_quality(tables[0]) if tables else None
-    except OSError:
-        return None
-
-
-def _luma(image: NDArray[np.uint8]) -> Grey:
+def _luma(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
 
 

@@ -11,7 +11,7 @@ from blurnoise import Camera, Capture, Exposure, Scene, simulate, take_each
 from blurnoise.camera.isp import Isp, LocalTone, NoiseReduction, Sharpening
 from blurnoise.picture import steps
 from blurnoise.picture.develop import develop, develop_8bit, tabulated
-from blurnoise.picture.enhancement import STEEPEST, by_image, denoised, locally_toned, sharpened
+from blurnoise.picture.enhancement import by_image, denoised, locally_toned, sharpened, steepest
 from blurnoise.picture.fusion import amplified
 
 IMX250, IMX250C = Camera.preset("imx250"), Camera.preset("imx250c")
@@ -32,17 +32,17 @@ def colours(height=37, width=52, noise=12):
     )
 
 
-def bilateral(plane, sigma_dn):
+def bilateral(plane, sigma_dn, sigma_px=1.5, reach=2):
     """By its formula: weights by distance within 2 pixels, sigma 1.5 pixels, and by difference."""
-    framed = np.pad(plane.astype(float), 2, mode="reflect")
+    framed = np.pad(plane.astype(float), reach, mode="reflect")
     height, width = plane.shape
     total, weights = np.zeros((2, height, width))
-    for down in range(-2, 3):
-        for across in range(-2, 3):
-            if down**2 + across**2 <= 4:
-                there = framed[2 + down : 2 + down + height, 2 + across : 2 + across + width]
+    for down in range(-reach, reach + 1):
+        for across in range(-reach, reach + 1):
+            if down**2 + across**2 <= reach**2:
+                there = framed[reach + down :, reach + across :][:height, :width]
                 by_value = np.exp(-((there - plane) ** 2) / (2 * sigma_dn**2))
-                weight = by_value * np.exp(-(down**2 + across**2) / (2 * 1.5**2))
+                weight = by_value * np.exp(-(down**2 + across**2) / (2 * sigma_px**2))
                 total, weights = total + weight * there, weights + weight
     return total / weights
 
@@ -51,6 +51,8 @@ def test_noise_reduction_is_a_bilateral_filter():
     grey = colours()[..., 0]
     found = denoised(grey, NoiseReduction(luma_sigma_dn=20.0, chroma_sigma_dn=99.0))
     assert np.abs(found - bilateral(grey, 20.0)).max() < 0.51
+    wide = denoised(grey, NoiseReduction(luma_sigma_dn=20.0, sigma_px=3.1))
+    assert np.abs(wide - bilateral(grey, 20.0, 3.1, 4)).max() < 0.51
 
 
 def test_sigmas_are_of_luma_and_of_chroma():
@@ -86,7 +88,7 @@ def test_noise_reduction_is_nowhere_steeper_than_its_bound():
         return bilateral(patch, 10.0)[2, 2]
 
     slopes = [(middle(100.01, away) - middle(99.99, away)) / 0.02 for away in range(60)]
-    assert 2.4 < max(slopes) < STEEPEST
+    assert 2.4 < max(slopes) < steepest(NoiseReduction())
 
 
 def test_sharpening_adds_what_a_gaussian_takes_off():
@@ -192,7 +194,7 @@ def test_of_one_row_every_gain_is_the_same_and_outside_a_table_it_stays():
 
 def test_less_is_left_out_of_frames_that_are_sharpened():
     assert steps.magnification(IMX250.with_figures(sharpening=EACH["sharpening"])) == 2.5
-    assert steps.magnification(IMX250.with_figures(**EACH)) == pytest.approx(2.5 * 3 * STEEPEST)
+    assert steps.magnification(IMX250.with_figures(**EACH)) == pytest.approx(2.5 * 3 * 2.6)
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 3), (5, 1)])

@@ -9,13 +9,11 @@ from blurnoise_eval.measure.photographs import (
     Photographs,
     about_photographs,
     flat_noise,
-    jpeg_quality,
     photographs,
     raised,
 )
 from blurnoise_eval.plan.plan import SweepPlan, usual_plan
 from commands import main
-from PIL import Image
 
 from blurnoise import Camera
 
@@ -67,13 +65,6 @@ def test_pictures_without_flat_parts_say_nothing():
     assert flat_noise(np.zeros((400, 400, 3), np.uint8)) is None
     assert flat_noise(np.full((60, 60, 3), 99, np.uint8)) is None
     assert photographs([(None, np.full((400, 400, 3), 255, np.uint8))]) is None
-
-
-@pytest.mark.parametrize("quality", [5, 30, 50, 75, 96, 100])
-def test_quality_is_that_of_the_encoder(tmp_path, quality):
-    Image.fromarray(coded(scene())).save(tmp_path / "a.jpg", quality=quality)
-    with Image.open(tmp_path / "a.jpg") as opened:
-        assert jpeg_quality(opened.quantization[0]) == pytest.approx(quality, abs=1)
 
 
 def test_medians_are_over_pictures_and_clipped_parts_are_counted(tmp_path):
