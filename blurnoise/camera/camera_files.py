@@ -42,11 +42,11 @@ _FLAT = (
     "pixel_pitch_um", "f_number", "transmission", "infrared_cut_nm", "quantum_efficiency", "full_well_e",
     "system_gain_dn_per_e", "read_noise_e", "read_noise_post_share", "analogue_gain_max_db", "gain_max_db",
     "conversion_gains", "gains", "photon_transfer", "captures", "dark_current_e_s", "dark_reference_c",
-    "dark_doubling_c", "row_noise_e", "column_noise_e", "black_level_drift_dn", "prnu", "prnu_row",
-    "prnu_column", "dsnu_e", "dsnu_row_e", "dsnu_column_e", "black_level_dn", "bit_depth", "defocus_radius_px",
-    "defocus_counts_pixel", "diffraction_wavelength_um", "cfa", "white_balance", "demosaic", "ccm", "tone",
-    "noise_reduction", "local_tone", "sharpening", "jpeg_quality", "jpeg_subsampling", "width_px", "height_px",
-    "hfov_deg", "row_time_s", "shutter", "scan",
+    "dark_doubling_c", "row_noise_e", "column_noise_e", "parity_noise_e", "row_gain_noise", "row_gain_rows",
+    "black_level_drift_dn", "prnu", "prnu_row", "prnu_column", "dsnu_e", "dsnu_row_e", "dsnu_column_e",
+    "black_level_dn", "bit_depth", "defocus_radius_px", "defocus_counts_pixel", "diffraction_wavelength_um", "cfa",
+    "white_balance", "demosaic", "ccm", "tone", "noise_reduction", "local_tone", "sharpening", "jpeg_quality",
+    "jpeg_subsampling", "width_px", "height_px", "hfov_deg", "row_time_s", "shutter", "scan",
 )  # fmt: skip
 # Files list the figures as people look for them, pixel and lens first. A figure that is not listed here still has its
 # place: one of the lens in the mapping, any other after those listed.

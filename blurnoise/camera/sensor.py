@@ -100,6 +100,16 @@ class Sensor:
         Figure, CameraFigure("Column noise", "e-", NOISE_E, span=(0.0, 50.0), dark_noise=True)
     ] = 0.0
     """Rms; one value for each column and frame."""
+    parity_noise_e: Annotated[
+        Figure,
+        CameraFigure("Noise of even and odd columns", "e-", NOISE_E, span=(0.0, 50.0), dark_noise=True),
+    ] = 0.0
+    """Rms; one value for each row and frame, added to its even columns and subtracted from its odd ones."""
+    row_gain_noise: Annotated[Figure, CameraFigure("Row gain noise", "", SHARE, span=(0.0, 0.05))] = 0.0
+    """Rms relative to the signal; a factor of each row and frame, of a lamp or a reference that varies while rows are
+    read. The mean over the rows of a frame is 1."""
+    row_gain_rows: Annotated[Figure, CameraFigure("Rows of one gain", "rows", Limit(0.0, 1e6))] = 0.0
+    """Rows over which the correlation of row_gain_noise falls to 1/e; 0: each row has its own."""
     black_level_drift_dn: Annotated[
         Figure, CameraFigure("Black level drift", "DN", LEVEL_DN, span=(0.0, 50.0))
     ] = 0.0
@@ -280,6 +290,7 @@ class Sensor:
             black_level_dn=at_gain.black_level_dn,
             row_noise_e=self.row_noise_e * quieter,
             column_noise_e=self.column_noise_e * quieter,
+            parity_noise_e=self.parity_noise_e * quieter,
             read_noise_post_share=0.0,
             analogue_gain_max_db=0.0,
             conversion_gains=(),

@@ -23,6 +23,7 @@ from blurnoise.camera import Camera
 from blurnoise.camera.radiometry import dark_electrons
 from blurnoise.light.resolved import Resolved
 from blurnoise.sensor import fused, stages
+from blurnoise.sensor import shared as shared_noise
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Law, ReadoutFields, SensorStage
 
 Fidelity = Literal["auto", "full"]
@@ -115,7 +116,7 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
         scene, white_e, dark_e = scene.detach(), white_e.detach(), dark_e.detach()
     active = stages.active(camera, options.without, noisy=options.noise)
     law, known = _law(camera, options, with_gradients, active), fused.supports(active)
-    shared = [stage for stage in stages.SHARED_NOISES if stage in active]
+    shared = [stage for stage in (shared_noise.ROW_GAIN, *shared_noise.SHARED_NOISES) if stage in active]
     pattern = [None if plane is None else plane.to(scene) for plane in options.fixed_pattern or (None, None)]
 
     def drawn(frames: slice, means: slice) -> ReadoutFields:
@@ -132,7 +133,9 @@ def digitised(scene: Tensor, at: Resolved[Tensor], options: ReadoutOptions) -> T
             gain=gain,
             offset_e=offset_e,
         )
-        noise: dict[str, Any] = {"shared": {stage.name: stage.drawn(light, seeds) for stage in shared}}
+        noise: dict[str, Any] = {
+            "shared": {stage.name: stage.drawn(light, seeds, camera) for stage in shared}
+        }
         if law in ("merged", "apart", "counts"):
             noise["normal"] = options.draw(seeds, light, "frame")
         if _draws_read_noise(fields, light, known):

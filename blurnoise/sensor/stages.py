@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -21,6 +20,7 @@ from blurnoise.camera.sensor import DSNU as DSNU_FIGURES
 from blurnoise.camera.sensor import PRNU as PRNU_FIGURES
 from blurnoise.camera.spectra import Curve, Spectrum, flattened
 from blurnoise.light.resolved import Resolved
+from blurnoise.sensor.shared import ROW_GAIN, SHARED_NOISES
 from blurnoise.sensor.stage import (
     MERGE_READ_NOISE_E,
     ReadoutFields,
@@ -209,44 +209,6 @@ class ReadNoise(SensorStage):
         return f"{drawn}; measured at gains" if camera.sensor.gains else drawn
 
 
-class SharedNoise(SensorStage):
-    """Normal noise that pixels share: those of a row, of a column or of all planes of a frame.
-
-    figure: its deviation, e- or DN rms. first: of light, one of the pixels that share a value.
-
-    >>> rows, columns, _ = SHARED_NOISES
-    >>> rows.drawn(torch.zeros(1, 1, 480, 640), [1]).shape  # a value for each row
-    torch.Size([1, 1, 480, 1])
-    """
-
-    draws = True
-
-    def __init__(self, name: str, figure: str, by: str, *first: slice) -> None:
-        self.name, self.figures, self.modelled, self._first = (
-            name,
-            (figure,),
-            f"a normal value per {by}",
-            first,
-        )
-
-    def drawn(self, light: Tensor, seeds: Sequence[int]) -> Tensor:
-        """N(0, 1) for frames of this size (B, C, H, W), of size 1 along what shares a value."""
-        return rng.standard_normal(seeds, light[:, *self._first], self.name)
-
-    def size_e(self, camera: Camera) -> float:
-        """Its deviation, e- rms."""
-        (figure,) = self.figures
-        unit = camera.sensor.system_gain_dn_per_e if figure.endswith("_dn") else 1.0
-        return float(camera.figure(figure)) / unit
-
-    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
-        values = at.shared.get(self.name)
-        return signal if values is None else signal + self.size_e(at.camera) * values
-
-    def bound_dn(self, at: Resolved[float]) -> float:
-        return within_range_dn(at.camera, self.size_e(at.camera))
-
-
 class Dsnu(SensorStage):
     """Dark-signal non-uniformity: a fixed offset of each pixel, with parts of its row and its column.
 
@@ -321,12 +283,6 @@ class Limits(SensorStage):
 SPECTRAL_INTEGRATION, PRNU, DARK_CURRENT = SpectralIntegration(), Prnu(), DarkCurrent()
 PHOTON_TRANSFER, SHOT_NOISE, FULL_WELL, READ_NOISE = PhotonTransfer(), ShotNoise(), FullWell(), ReadNoise()
 DSNU, GAIN, QUANTISATION, LIMITS = Dsnu(), Gain(), Quantisation(), Limits()
-_EVERY, _FIRST = slice(None), slice(1)
-SHARED_NOISES = (
-    SharedNoise("row noise", "row_noise_e", "row and frame", _EVERY, _EVERY, _FIRST),
-    SharedNoise("column noise", "column_noise_e", "column and frame", _EVERY, _FIRST, _EVERY),
-    SharedNoise("black level drift", "black_level_drift_dn", "frame", _FIRST, _FIRST, _FIRST),
-)
 LINEAR_MODEL: tuple[SensorStage, ...] = (
     SPECTRAL_INTEGRATION,
     PRNU,
@@ -342,8 +298,8 @@ LINEAR_MODEL: tuple[SensorStage, ...] = (
     LIMITS,
 )
 """The stages of EMVA 1288 and a camera's departures from it; the fast route implements all but the bend."""
-STAGES = LINEAR_MODEL
-"""All stages in causal order; insert one of your own by ``(*LINEAR_MODEL[:5], OWN, *LINEAR_MODEL[5:])``."""
+STAGES: tuple[SensorStage, ...] = (*LINEAR_MODEL[:2], ROW_GAIN, *LINEAR_MODEL[2:])
+"""All stages in causal order; insert one of your own likewise."""
 
 
 def active(camera: Camera, without: frozenset[str] = frozenset(), *, noisy: bool = True) -> list[SensorStage]:

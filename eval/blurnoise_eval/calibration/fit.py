@@ -11,7 +11,7 @@ import numpy as np
 
 from blurnoise._core.checks import integer
 from blurnoise.metrics.values import Estimate
-from blurnoise_eval.calibration import bend, checks, doubts, patterns, standard, transfer
+from blurnoise_eval.calibration import bend, checks, doubts, patterns, row_gain, standard, transfer
 from blurnoise_eval.calibration.bend import Bend
 from blurnoise_eval.calibration.doubts import Doubt
 from blurnoise_eval.calibration.formats import RawLayout
@@ -23,15 +23,16 @@ from blurnoise_eval.calibration.rounding import TWO_NUMBERS_DN
 from blurnoise_eval.calibration.standard import StandardFigures
 from blurnoise_eval.calibration.temporal import FrameMeans
 from blurnoise_eval.calibration.transfer import Linearity, Transfer
-from blurnoise_eval.calibration.uncertain import Uncertain
+from blurnoise_eval.calibration.uncertain import Uncertain, Z
 
 _MOST_FOR_PATTERN = 8  # levels whose frames are read again for PRNU
 _FREE = 4.0  # deviations of the noise below the limit, where clipping leaves the variance unchanged
 UNITS = {
     "system_gain_dn_per_e": "DN/e-", "read_noise_e": "e-", "row_noise_e": "e-", "column_noise_e": "e-",
-    "dark_current_e_s": "e-/s", "black_level_dn": "DN", "black_level_drift_dn": "DN", "prnu": "", "prnu_row": "",
-    "prnu_column": "", "dsnu_e": "e-", "dsnu_row_e": "e-", "dsnu_column_e": "e-", "full_well_e": "e-",
-    "quantum_efficiency": "", "linearity_error": "",
+    "parity_noise_e": "e-", "row_gain_noise": "", "row_gain_rows": "rows", "dark_current_e_s": "e-/s",
+    "black_level_dn": "DN", "black_level_drift_dn": "DN", "prnu": "", "prnu_row": "", "prnu_column": "",
+    "dsnu_e": "e-", "dsnu_row_e": "e-", "dsnu_column_e": "e-", "full_well_e": "e-", "quantum_efficiency": "",
+    "linearity_error": "",
 }  # fmt: skip
 """The figures that are measured at the lowest gain, in the order of tables."""
 AT_GAIN = ("system_gain_dn_per_e", "read_noise_e", "black_level_dn")
@@ -173,6 +174,8 @@ class _GainFrames:
             dark.append(level)
             self.dark_mean = self.dark_mean + (mean - level.mean_dn) / len(files.dark)
         self.noise = noise = self.means.noise(dark)
+        # In a mosaic, neighbours of one colour are two columns apart.
+        self.parity = self.means.parity_noise(noise) if files.site is None else Uncertain(0.0, 0.0)
         self.drift, variance = self.means.drift(dark, noise)
         if self.drift.value:
             dark = [replace(level, mean_error_dn=math.sqrt(variance / level.frames)) for level in dark]
@@ -182,7 +185,8 @@ class _GainFrames:
         )
         self.dark = [self._widened(level) for level in dark]
         self.line = transfer.dark_line(self.dark)
-        self.flat = [self.read_flat(index)[0] for index in range(len(files.flat))]
+        self.flat_lines = FrameMeans()
+        self.flat = [self.read_flat(index, self.flat_lines)[0] for index in range(len(files.flat))]
 
     @property
     def levels(self) -> list[Level]:
@@ -206,7 +210,20 @@ class _GainFrames:
     def pixel_share(self, fit: Transfer) -> Uncertain:
         """Share of the variance in the dark that belongs to pixels, not to whole rows or columns."""
         lines_dn2, dark_dn2 = fit.before_rounding(self.noise.lines), max(fit.read_dn2, 1e-9)
+        if self.parity.value > Z * self.parity.error:
+            parity = fit.before_rounding(self.parity)
+            lines_dn2 = Uncertain(lines_dn2.value + parity.value, math.hypot(lines_dn2.error, parity.error))
         return Uncertain(max(0.0, 1 - lines_dn2.value / dark_dn2), lines_dn2.error / dark_dn2)
+
+    def row_gain(self, fit: Transfer, used: Sequence[int]) -> tuple[Uncertain, Estimate]:
+        """Variance of the row gain, relative, and its length in rows, of the ``used`` flat levels."""
+        rows_dn2, width, spectra = max(0.0, self.noise.row.value), self.means.shape[1], []
+        for index in used:
+            level = self.flat[index]
+            floor_dn2 = rows_dn2 + max(0.0, level.variance_dn2 - rows_dn2) / width
+            rows = self.flat_lines.lines[index][0]
+            spectra.append(row_gain.spectrum_of(rows, fit.dark.at(level.exposure_s), floor_dn2))
+        return row_gain.row_gain(spectra)
 
     def signal(self, fit: Transfer) -> Floats:
         """Means of the flat levels minus those in the dark."""
@@ -266,10 +283,13 @@ def _estimates(frames: _GainFrames, curve: _TransferCurve) -> tuple[dict[str, Es
     for name, variance in (
         ("row_noise_e", frames.noise.row),
         ("column_noise_e", frames.noise.column),
+        ("parity_noise_e", frames.parity),
         ("dsnu_row_e", offset.row),
         ("dsnu_column_e", offset.column),
     ):
         estimates[name] = fit.rms_e(fit.before_rounding(variance))
+    square, rows = frames.row_gain(fit, curve.used)
+    estimates |= {"row_gain_noise": square.term()} | ({"row_gain_rows": rows} if square.value else {})
     if curve.clip_dn is not None:
         estimates["full_well_e"] = fit.electrons(Uncertain(top_dn, fit.dark.offset_error))
     if linear:

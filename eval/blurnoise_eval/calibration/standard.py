@@ -30,10 +30,8 @@ LIMITED = {
     "DR": "the standard: 0.24 DN² or more",
 }
 """The figures that are limits then, and why those of a camera are better."""
-_LINEAR, _USED = (
-    (0.05, 0.95),
-    0.7,
-)  # of the signal at saturation: for the linearity, and for K and responsivity
+_LINEAR = (0.05, 0.95)  # of the signal at saturation, for the linearity
+_USED = 0.7  # the same, for K and responsivity
 _DECIBEL = 20 / math.log(10)
 
 

@@ -18,25 +18,29 @@ from blurnoise_eval.calibration.uncertain import Uncertain
 class FrameMeans:
     """Means of all frames of one kind and gain: of every other frame, and of the rows and columns of each frame.
 
-    lines: of each level the means of the rows (L, H) and columns (L, W) of its frames.
+    lines: of each level the means of the rows (L, H) and columns (L, W) of its frames. parity: of each level half the
+    differences of the means of even and odd columns in the rows (L, H).
     """
 
     def __init__(self) -> None:
         self.lines: list[tuple[Floats, Floats]] = []
+        self.parity: list[Floats] = []
         self._sums: list[Floats] = [np.zeros(()), np.zeros(())]
         self._counts = [0, 0]
 
     def add(self, planes: Iterable[Plane]) -> Iterator[Plane]:
         """Pass on the frames of a level, one after the other, and add them to the means."""
-        rows, columns = [], []
+        rows, columns, parity = [], [], []
         for plane in planes:
             half = self._counts[0] > self._counts[1]
             self._sums[half] = self._sums[half] + plane
             self._counts[half] += 1
             rows.append(plane.mean(1))
             columns.append(plane.mean(0))
+            parity.append((plane[:, ::2].mean(1) - plane[:, 1::2].mean(1)) / 2)
             yield plane
         self.lines.append((np.array(rows), np.array(columns)))
+        self.parity.append(np.array(parity))
 
     @property
     def halves(self) -> Halves:
@@ -60,6 +64,16 @@ class FrameMeans:
             square = sum(_squares(level[axis]) for level in self.lines) / degrees
             lines.append(Uncertain(square, square * math.sqrt(2 / degrees)))
         return separate(lines[0], lines[1], Uncertain(total, 0.0), self.shape)
+
+    def parity_noise(self, noise: LineVariances) -> Uncertain:
+        """Temporal variance of offsets of even and odd columns in a row, beyond the ``noise`` of pixels."""
+        height, width = self.shape
+        degrees = (height - 1) * sum(len(rows) - 1 for rows in self.parity)
+        square = sum(_squares(rows) for rows in self.parity) / degrees
+        of_pixels = (
+            noise.pixel.value * (1 / ((width + 1) // 2) + 1 / (width // 2)) / 4 if width > 1 else square
+        )
+        return Uncertain(square - of_pixels, square * math.sqrt(2 / degrees))
 
     def drift(self, levels: Sequence[Level], noise: LineVariances) -> tuple[Estimate, float]:
         """RMS offset of whole frames beyond the noise of pixels, rows and columns; and the variance of frame means.

@@ -31,6 +31,7 @@ from blurnoise_eval.calibration.frames import FEWEST_FLAT, Folder
 from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.levels import level_of
 from blurnoise_eval.calibration.listing import FrameFile
+from blurnoise_eval.calibration.rounding import PLAIN_DN2, rounded
 from blurnoise_eval.calibration.standard import FAIL, PASS, StandardRow
 from blurnoise_eval.calibration.temporal import FrameMeans
 from blurnoise_eval.calibration.uncertain import Z
@@ -52,6 +53,7 @@ FEWEST_DARK = 6  # levels, from which on half of them are compared only
 FEWEST_FLAT_FITTED = 2 * FEWEST_FLAT - 1  # levels, of which every other one is fitted
 HEADLINE = (MEAN, VARIANCE)
 """Statistics that decide whether simulated frames behave like the real ones."""
+_WANDER = 4.0  # standard errors of the mean, within which a black level may have wandered
 _DIM = 0.05  # of the brightest signal: below it, relative errors of the mean are those of the black level
 
 
@@ -185,6 +187,10 @@ def validate(
     pairs, comparisons = list[LevelPair](), list[MeasureComparison]()
     measured = [] if fitted is None else [*fitted.dark, *fitted.flat]
     means = {"dark": FrameMeans(), "flat": FrameMeans()}
+    stacks: dict[str, list[FrameStack]] = {
+        "dark": [],
+        "flat": [],
+    }  # simulated with the camera's own black level
     for level in levels:
         first, planes = level[0], _frames(files, level)
         whole = planes.astype(np.uint16)
@@ -196,16 +202,20 @@ def validate(
         deque(means[first.kind].add(whole), maxlen=0)
         real = FrameStack(planes)
         simulated = FrameStack(_simulated(camera, first, real, light, seed))
-        pairs.append(LevelPair(name, first.kind, real, simulated))
         errors = uncertainty.of(simulated, first.kind)
         of_level = compare_levels(real, simulated, errors, kind=first.kind, level=name)
+        stacks[first.kind].append(simulated)
+        if blacks_dn := _blacks_dn(camera, first, real, errors["mean"]):
+            # only the mean, and how it scatters, are compared with those of the camera's own black level
+            simulated = FrameStack(_simulated(camera, first, real, light, seed, blacks_dn))
+            of_level[1:] = compare_levels(real, simulated, errors, kind=first.kind, level=name)[1:]
+        pairs.append(LevelPair(name, first.kind, real, simulated))
         # without a line of light, the simulated mean is the real one by construction
         comparisons += of_level if light.fitted or first.kind == "dark" else of_level[1:]
     by_kind = {kind: [pair for pair in pairs if pair.kind == kind] for kind in ("dark", "flat")}
     refuse(not by_kind["flat"], "frames: all flat levels are clipped; one or more must be below saturation")
     if unlit := by_kind["dark"]:
-        stacks = [pair.real for pair in unlit], [pair.simulated for pair in unlit]
-        comparisons.append(compare_scatter(*stacks, "dark"))
+        comparisons.append(compare_scatter([pair.real for pair in unlit], stacks["dark"], "dark"))
     auc = {kind: _separation(of_kind, seed) for kind, of_kind in by_kind.items() if of_kind}
     dark, flat = ([level for level in measured if level.taken.kind == kind] for kind in ("dark", "flat"))
     found = standard.figures_of_frames(dark, flat, means["dark"].halves, means["flat"].halves)
@@ -299,8 +309,36 @@ class _LightLine:
         return charge - dark_electrons(camera, frame.exposure_s, camera.sensor.dark_reference_c)
 
 
-def _simulated(camera: Camera, frame: FrameFile, real: FrameStack, light: _LightLine, seed: int) -> Floats:
-    """As many frames as there are real ones."""
+def _blacks_dn(camera: Camera, frame: FrameFile, real: FrameStack, mean_error: float) -> list[float] | None:
+    """The black level of each dark frame, where rounding makes the noise depend on it.
+
+    None where rounding adds the same to any noise, and where the camera's black level is wrong beyond chance:
+    mean_error is the relative standard error of the mean.
+    """
+    sensor = camera.sensor
+    charge_e = dark_electrons(camera, frame.exposure_s, sensor.dark_reference_c)
+    variance = np.array([sensor.dark_variance_dn2(charge_e) - 1 / 12])
+    if frame.kind != "dark" or variance[0] > PLAIN_DN2:
+        return None
+    spread_dn, dark_dn = (sensor.system_gain_dn_per_e * each for each in (sensor.dsnu_total_e, charge_e))
+    # where the mean after rounding is that of a frame; it rises with the black level
+    blacks = sensor.black_level_dn + np.linspace(-1.0, 1.0, 401)
+    means = rounded(blacks + dark_dn, np.repeat(variance, len(blacks)), spread_dn)[0]
+    own_dn = float(np.interp(sensor.black_level_dn, blacks, means))
+    if abs(own_dn - real.mean_dn) > _WANDER * mean_error * real.mean_dn:
+        return None
+    return [max(0.0, float(black)) for black in np.interp(real.frame_means, means, blacks)]
+
+
+def _simulated(
+    camera: Camera,
+    frame: FrameFile,
+    real: FrameStack,
+    light: _LightLine,
+    seed: int,
+    blacks_dn: Sequence[float] = (),
+) -> Floats:
+    """As many frames as there are real ones. blacks_dn: of each, in place of the camera's and its drift."""
     electrons = light.electrons(frame, real.mean_dn)
     shading = np.ones_like(real.mean)
     if electrons:
@@ -310,16 +348,25 @@ def _simulated(camera: Camera, frame: FrameFile, real: FrameStack, light: _Light
         shading = shading / shading.mean()
     scene = torch.from_numpy(electrons * shading).float().expand(len(real.frame_means), 1, -1, -1)
     stream = rng.derived(seed, f"validate {frame.kind} {frame.exposure_s} {electrons}")
-    dn = read_out(
-        scene,
-        camera,
-        exposure_s=frame.exposure_s,
-        temperature_c=camera.sensor.dark_reference_c,
-        fixed_pattern=camera.sensor.fixed_pattern((1, *real.mean.shape), seed),
-        generator=torch.Generator().manual_seed(stream),
-        fidelity="full",
-    )
-    return dn[:, 0].numpy().astype(np.float64)
+    seeds = rng.item_seeds(torch.Generator().manual_seed(stream), len(scene))
+    whole = camera.with_figures(black_level_drift_dn=0.0) if blacks_dn else camera
+    parts = [
+        (scene[number : number + 1], whole.with_figures(black_level_dn=black_dn), seeds[number : number + 1])
+        for number, black_dn in enumerate(blacks_dn)
+    ] or [(scene, camera, seeds)]
+    dn = [
+        read_out(
+            some,
+            of_frames,
+            exposure_s=frame.exposure_s,
+            temperature_c=camera.sensor.dark_reference_c,
+            fixed_pattern=camera.sensor.fixed_pattern((1, *real.mean.shape), seed),
+            generator=own,
+            fidelity="full",
+        )
+        for some, of_frames, own in parts
+    ]
+    return torch.cat(dn)[:, 0].numpy().astype(np.float64)
 
 
 @dataclass(frozen=True)

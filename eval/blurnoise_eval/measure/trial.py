@@ -26,6 +26,7 @@ from blurnoise_eval.calibration.uncertain import Z
 SIDE_PX = 160  # of the simulated frames: their variance is known to 1 %
 _MOST_FLAT, _MOST_DARK = 24, 8  # levels; a few seconds
 _MOST_FRAMES = 4
+_MOST_ROWS = 1024
 _CHANCE = 0.01  # probability that any level of a camera without fault misses its interval
 _DIM = 0.05  # of the brightest signal, as for the linearity
 _SMALL = 0.01  # relative difference of the variance that is no miss
@@ -66,7 +67,8 @@ def misses(measurement: Measurement, camera: Camera, seed: int = 0) -> list[str]
     sure = float(norm.isf(_CHANCE / 2 / (2 * len(pairs) + 4)))
     every = [miss for pair in pairs for miss in _compared(measurement, *pair, sure)]
     for kind in ("dark", "flat"):
-        every += _lines([pair for pair in pairs if pair[0].taken.kind == kind], kind, sure)
+        of_kind, correlated = [pair for pair in pairs if pair[0].taken.kind == kind], kind == "flat"
+        every += _lines(of_kind, kind, sure, correlated=correlated and camera.sensor.row_gain_noise > 0)
     lines = []
     for quantity in dict.fromkeys(miss.quantity for miss in every):
         of = [miss for miss in every if miss.quantity == quantity]
@@ -86,14 +88,19 @@ def _some(levels: Sequence[Level], most: int) -> list[Level]:
     return [levels[index] for index in chosen]
 
 
-def _lines(pairs: Sequence[tuple[Level, Level]], kind: str, sure: float) -> list[Miss]:
-    """What whole rows and columns have of the variance, on average over levels of one kind."""
+def _lines(pairs: Sequence[tuple[Level, Level]], kind: str, sure: float, *, correlated: bool) -> list[Miss]:
+    """What whole rows and columns have of the variance, on average over levels of one kind.
+
+    correlated: whether neighbouring rows are.
+    """
     found = []
     for lines in ("row", "column") if pairs else ():
         shares = np.array([[getattr(level, f"{lines}_share") for level in pair] for pair in pairs])
         captured, simulated = shares.mean(0).tolist()
         # each of the simulated lines has a mean of its own in every level
         chance = (1 / SIDE_PX + abs(simulated)) * math.sqrt(2 / (SIDE_PX * len(pairs)))
+        if lines == "row" and correlated:  # and rows, of which few are independent
+            chance = max(chance, float((shares[:, 0] - shares[:, 1]).std()) / math.sqrt(len(pairs)))
         interval = _SMALL_SHARE + sure * chance
         title = f"the share of whole {lines}s in the variance of {kind} frames"
         found.append(Miss(title, "", f"mean of {len(pairs)} levels", captured, simulated, interval))
@@ -104,6 +111,12 @@ def _clips(level: Level, measurement: Measurement) -> bool:
     """Whether more pixels clip than the variance bears."""
     limit = measurement.clip_dn or 2**measurement.bit_depth - 1
     return bool(level.counts[math.ceil(limit) :].sum() > CLIPPED * level.counts.sum())
+
+
+def _rows(measurement: Measurement, camera: Camera) -> int:
+    """Rows of simulated frames: as many as the frames have, where neighbouring rows are correlated."""
+    captured = measurement.size_px[1] // (2 if measurement.cfa else 1)
+    return max(SIDE_PX, min(captured, _MOST_ROWS)) if camera.sensor.row_gain_noise else SIDE_PX
 
 
 def _electrons(measurement: Measurement, camera: Camera, level: Level) -> float:
@@ -121,13 +134,14 @@ def _simulated(measurement: Measurement, camera: Camera, level: Level, seed: int
     """The level in as many simulated frames as there are, four at most."""
     sensor, electrons = camera.sensor, _electrons(measurement, camera, level)
     count = min(level.frames, _MOST_FRAMES)
+    shape = (_rows(measurement, camera), SIDE_PX)
     stream = rng.derived(seed, f"trial {level}")
     dn = read_out(
-        torch.full((count, 1, SIDE_PX, SIDE_PX), electrons),
+        torch.full((count, 1, *shape), electrons),
         camera,
         exposure_s=level.exposure_s,
         temperature_c=sensor.dark_reference_c,
-        fixed_pattern=sensor.fixed_pattern((1, SIDE_PX, SIDE_PX), seed),
+        fixed_pattern=sensor.fixed_pattern((1, *shape), seed),
         generator=torch.Generator().manual_seed(stream),
         fidelity="full",
     )
@@ -150,11 +164,17 @@ def _compared(measurement: Measurement, level: Level, simulated: Level, sure: fl
         chance_dn = math.hypot(
             drift_dn, level.mean_error_dn, simulated.mean_error_dn, (black.high - black.low) / 2 / Z
         )
-        interval = _SMALL_DN + sure * chance_dn
-        if lit:  # the line of light, and fixed patterns of few rows and columns in the simulated frames
+        line_dn = 0.0
+        if (
+            lit
+        ):  # the lamp, the line of light, and fixed patterns of few rows and columns in the simulated frames
+            # of two frames of a lamp that scatters by s, the range has the mean square 2 s^2, and the mean s^2 / 2
+            lamp = math.sqrt(float(np.mean([one.lamp_spread**2 for one in measurement.flat]))) / 2
+            chance_dn = math.hypot(chance_dn, lamp * signal_dn)
             pattern = sum(estimates[name].value for name in ("prnu", "prnu_row", "prnu_column"))
             line = estimates["linearity_error"].high + sure * pattern / math.sqrt(SIDE_PX)
-            interval += line * signal_dn
+            line_dn = line * signal_dn
+        interval = _SMALL_DN + sure * chance_dn + line_dn
         title = "the mean" if lit else "the mean in the dark"
         found.append(Miss(title, " (DN)", str(level), level.mean_dn, simulated.mean_dn, interval))
     errors = [level.variance_error_dn2, simulated.variance_error_dn2, fit.error(signal_dn, 1)]

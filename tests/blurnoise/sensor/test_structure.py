@@ -21,9 +21,11 @@ FIXED = BASE.with_figures(
 )
 BENT = BASE.with_figures(photon_transfer=((0.2, 1.1), (0.5, 0.9), (0.9, 0.4)))
 STRAIGHT = FIXED.with_figures(
-    row_noise_e=4.0, column_noise_e=2.0, black_level_drift_dn=1.5, dark_current_e_s=900.0
+    row_noise_e=4.0, column_noise_e=2.0, parity_noise_e=1.0, black_level_drift_dn=1.5, dark_current_e_s=900.0
 )
-EVERY = STRAIGHT.with_figures(photon_transfer=BENT.sensor.photon_transfer)
+EVERY = STRAIGHT.with_figures(
+    photon_transfer=BENT.sensor.photon_transfer, row_gain_noise=0.01, row_gain_rows=30.0
+)
 COUNT, HEIGHT, WIDTH, MEAN_E = 1500, 24, 31, 100.0
 ROUTES = {
     "one draw": (3.0, "auto"), "counts": (0.5, "auto"), "exact": (3.0, "full"), "with derivatives": (3.0, "auto"),
@@ -59,6 +61,42 @@ def test_variances_of_row_means_column_means_frame_means_and_pixels(route):
     ):
         assert found == pytest.approx(expected, rel=5 * math.sqrt(2 / samples))
     assert dn.mean() == pytest.approx(200 + 0.8 * MEAN_E, abs=5 * math.sqrt(of_frames / COUNT))
+
+
+@by_route
+def test_even_and_odd_columns_have_opposite_offsets_in_each_row(route):
+    """Half the difference of the means of even and odd columns: 16 and 15 of the 31, besides their white noise."""
+    dn = frames(BASE.with_figures(parity_noise_e=4.0), MEAN_E, (COUNT, 1, HEIGHT, WIDTH), route)[:, 0].numpy()
+    white = 0.64 * (MEAN_E + ROUTES[route][0] ** 2) + 1 / 12
+    apart = (dn[:, :, ::2].mean(2) - dn[:, :, 1::2].mean(2)) / 2
+    expected = 0.64 * 4.0**2 + white * (1 / 16 + 1 / 15) / 4
+    assert apart.var() == pytest.approx(expected, rel=5 * math.sqrt(2 / (COUNT * HEIGHT)))
+
+
+@by_route
+@pytest.mark.parametrize(("rows", "shares"), [(0.0, (0.0, 0.0)), (8.0, (math.exp(-1 / 8), math.exp(-3 / 8)))])
+def test_row_gain_noise_is_a_correlated_share_of_the_signal(route, rows, shares):
+    """Covariances of row means at a distance of 1 and 3 rows; those of 48 rows are about a mean that varies itself.
+
+    The mean of n rows has the variance v = sum of all n^2 covariances over n^2, by which each covariance is smaller.
+    """
+    height, signal = 48, 1000.0
+    camera = BASE.with_figures(row_gain_noise=0.02, row_gain_rows=rows)
+    dn = frames(camera, signal, (COUNT, 1, height, WIDTH), route)[:, 0].numpy()
+    means = dn.mean(2) - 200.0
+    of_rows = means - means.mean(1, keepdims=True)
+    law = [math.exp(-h / rows) if rows else float(h == 0) for h in range(height)]
+    of_mean = (height + 2 * sum((height - h) * law[h] for h in range(1, height))) / height**2
+    square = (0.8 * 0.02 * signal) ** 2
+    white = (0.64 * (signal + ROUTES[route][0] ** 2) + 1 / 12) / WIDTH
+    # correlated rows are as many samples as correlation lengths
+    within = 5 * square * math.sqrt(2 * max(1.0, 2 * rows) / (COUNT * height))
+    assert of_rows.var() == pytest.approx(square * (1 - of_mean) + white * (1 - 1 / height), abs=within)
+    for distance, share in zip((1, 3), shares, strict=True):
+        middle = slice(8, -8)
+        found = (of_rows[:, :-distance] * of_rows[:, distance:])[:, middle].mean()
+        assert found == pytest.approx(square * (share - of_mean), abs=within + white / height)
+    assert means.mean() == pytest.approx(0.8 * signal, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -21,13 +21,13 @@ def found(planes, tmp_path_factory):
     return measure(made_frames.save(tmp_path_factory.mktemp("frames"), planes), bit_depth=12)
 
 
-def with_rows(planes):
-    """Flat frames whose rows differ in each by 0.2 % of the light, 1 % of the variance."""
+def with_columns(planes):
+    """Flat frames whose columns differ in each by 0.2 % of the light, 1 % of the variance."""
     random = np.random.default_rng(1)
     black = made_frames.CAMERA.sensor.black_level_dn
 
     def banded(plane):
-        return np.rint(black + (plane - black) * (1 + 0.002 * random.standard_normal((SIZE[0], 1)))).astype(
+        return np.rint(black + (plane - black) * (1 + 0.002 * random.standard_normal((1, SIZE[1])))).astype(
             np.uint16
         )
 
@@ -58,17 +58,17 @@ def test_what_a_wrong_camera_misses(found, changes, why):
 
 
 def test_strict_writes_nothing_for_frames_that_the_camera_misses(planes, tmp_path, capsys):
-    folder = made_frames.save(tmp_path / "frames", with_rows(planes))
+    folder = made_frames.save(tmp_path / "frames", with_columns(planes))
     words = ["cameras", "fit", folder, "-o", tmp_path / "mine.yaml", "--bit-depth", "12", "--strict"]
     assert main(words) == 2
     said = capsys.readouterr().err
-    assert "--strict: misses its frames: the share of whole rows in the variance of flat frames" in said
+    assert "--strict: misses its frames: the share of whole columns in the variance of flat frames" in said
     assert list(tmp_path.iterdir()) == [folder]
 
 
 @pytest.mark.slow
 def test_what_the_camera_misses_is_printed_without_strict(planes, tmp_path, capsys):
-    folder = made_frames.save(tmp_path / "frames", with_rows(planes))
+    folder = made_frames.save(tmp_path / "frames", with_columns(planes))
     assert main(["cameras", "fit", folder, "-o", tmp_path / "mine.yaml", "--bit-depth", "12"]) == 0
-    assert "misses its frames: the share of whole rows" in capsys.readouterr().out
+    assert "misses its frames: the share of whole columns" in capsys.readouterr().out
     assert (tmp_path / "mine.yaml").is_file()
