@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -37,7 +38,8 @@ _S_X_IN, _T_X_IN, _O_X_IN, _P_X_IN = -9.15, -3.25, 2.65, 9.15  # letter centres:
 SIGN_WHITE = (0.8, 0.8, 0.8)
 SIGN_RED = (0.43, 0.013, 0.012)
 
-_POINTS_PER_BLOCK = 1 << 18  # sample points in flight: bounds the memory, and stays in the cache
+_POINTS_PER_BLOCK = 1 << 15  # sample points in flight: they stay in the cache, and PyTorch wakes no threads
+_MOST_KEPT_PX = 1 << 16  # of a sign whose shares are kept: 0.5 MB
 
 
 def flat_patch(height_px: int, width_px: int, *, reflectance: float = 0.18) -> Tensor:
@@ -154,8 +156,29 @@ def stop_sign(
     )
     counted("supersample", supersample)
     height, width, centre = _sign_frame(size_px, height_px, width_px, centre_px)
-    cos, sin = math.cos(_radians(angle_deg)), math.sin(_radians(angle_deg))
-    scale = _SIGN_IN / size_px
+    left, top, right, bottom = math.floor(box[0]), math.floor(box[1]), math.ceil(box[2]), math.ceil(box[3])
+    # A sign is drawn again as a layer, and for pages; large ones would fill the memory.
+    small = (right - left) * (bottom - top) <= _MOST_KEPT_PX
+    drawn = _shares if small else _shares.__wrapped__
+    shares = drawn(size_px, _radians(angle_deg), (left, top, right, bottom), centre, supersample)
+    picture = torch.as_tensor(background, dtype=torch.float32).expand(1, 3, height, width).clone()
+    behind = picture[0, :, top:bottom, left:right]
+    sign = torch.einsum("khw,kc->chw", shares, torch.tensor([SIGN_WHITE, SIGN_RED]))
+    # The sign over what is behind it, by the share of each pixel that it covers.
+    behind += sign - shares.sum(0) * behind
+    return picture
+
+
+@lru_cache(maxsize=128)
+def _shares(
+    size_px: float,
+    turn: float,
+    window: tuple[int, int, int, int],
+    centre: tuple[float, float],
+    supersample: int,
+) -> Tensor:
+    """Shares (2, H, W) of each pixel of a window that are a sign's white, and its red; turn: radians."""
+    cos, sin, scale = math.cos(turn), math.sin(turn), _SIGN_IN / size_px
 
     def coverage(x: Tensor, y: Tensor) -> Tensor:
         u, v = (x * cos - y * sin) * scale, (x * sin + y * cos) * scale
@@ -164,14 +187,7 @@ def stop_sign(
         white = (sign & ~face) | _legend(u, v)
         return torch.stack([white, sign & ~white]).float()
 
-    left, top, right, bottom = math.floor(box[0]), math.floor(box[1]), math.ceil(box[2]), math.ceil(box[3])
-    shares = _area_mean(coverage, (left, top, right, bottom), centre, supersample)
-    picture = torch.as_tensor(background, dtype=torch.float32).expand(1, 3, height, width).clone()
-    behind = picture[0, :, top:bottom, left:right]
-    sign = torch.einsum("khw,kc->chw", shares, torch.tensor([SIGN_WHITE, SIGN_RED]))
-    # The sign over what is behind it, by the share of each pixel that it covers.
-    behind += sign - shares.sum(0) * behind
-    return picture
+    return _area_mean(coverage, window, centre, supersample)
 
 
 def stop_sign_box(
@@ -236,6 +252,9 @@ def _sign_frame(
 def _legend(x: Tensor, y: Tensor) -> Tensor:
     """Whether the points (x, y), inches right and down from the sign's centre, lie on the word STOP."""
     half, half_stroke = _LETTER_IN / 2, _STROKE_IN / 2
+    within = y.abs() < half
+    if not within.any():
+        return within
 
     # S: two arcs joined by the common tangent that crosses between them; unchanged by half a turn.
     radius = _S_HALF_IN - half_stroke  # of the arcs' centre line
@@ -261,7 +280,7 @@ def _legend(x: Tensor, y: Tensor) -> Tensor:
     bowl = (distance - (outer - half_stroke)).abs() < half_stroke
     letter_p = (bowl | (u < 2 * half_stroke - _P_HALF_IN)) & (u > -_P_HALF_IN)
 
-    return (arc | spine | letter_t | ring | letter_p) & (y.abs() < half)
+    return (arc | spine | letter_t | ring | letter_p) & within
 
 
 def _area_mean(

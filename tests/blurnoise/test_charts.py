@@ -212,3 +212,12 @@ def test_text_box_is_tight_around_the_word(size_px, height_px, width_px):
 def test_bad_input_is_named(call, message):
     with pytest.raises((TypeError, ValueError), match=re.escape(message)):
         call()
+
+
+def test_a_sign_is_drawn_the_same_again_whatever_became_of_the_first():
+    first = stop_sign(21.5)
+    expected = first.clone()
+    first.zero_()
+    assert torch.equal(stop_sign(21.5), expected)
+    assert not torch.equal(stop_sign(21.5, angle_deg=10.0), expected)
+    assert not torch.equal(stop_sign(21.5, centre_px=(21.0, 22.5)), expected)
