@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
@@ -14,7 +14,7 @@ from blurnoise_eval.plan.question import Question
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from blurnoise_eval.run.run import Run
     from blurnoise_eval.system.working_folder import WorkingFolder
@@ -87,20 +87,37 @@ def print_run(
     as_json: bool = False,
     about: Sequence[str | None] = (),
 ) -> None:
-    """Write a run's tables, figures and page; print its answers, and where the page is.
+    """Print a run's answers; write its tables, figures and page, and print where the page is.
 
     written: the folder of these, by default the run's. coco: also write COCO's files. about: further lines.
     """
+    from blurnoise_eval.report.words import counted
+
+    if as_json:
+        done.report(written, coco=coco)
+        summary = done.summary(written)
+        _say_skipped(summary)
+        say_json(summary)
+        return
+    summary = done.summary(written)
+    # The answers need no figure, and drawing these takes longer than finding those.
+    done.report(written, coco=coco, before=lambda: _print_answers(done, summary, about))
+    took = f" in {done.outcome.wall_s:.0f} s" if done.outcome is not None else ""
+    n_skipped = len(summary["skipped"])
+    skipped = f", {counted(n_skipped, 'picture')} skipped" if n_skipped else ""
+    say(f"{summary['cells']} cells{took}{skipped}. Details: {summary['report']}")
+
+
+def _say_skipped(summary: Mapping[str, Any]) -> None:
+    for entry in summary["skipped"]:
+        say(f"skipped: {entry['reason']}", error=True)
+
+
+def _print_answers(done: Run, summary: Mapping[str, Any], about: Sequence[str | None]) -> None:
     from blurnoise_eval.report.findings import alarms, reflectance
     from blurnoise_eval.report.words import counted
 
-    done.report(written, coco=coco)
-    summary = done.summary(written)
-    for entry in summary["skipped"]:
-        say(f"skipped: {entry['reason']}", error=True)
-    if as_json:
-        say_json(summary)
-        return
+    _say_skipped(summary)
     for alarm in alarms(done.tables):
         say_wrapped(f"Warning: {alarm}")
     for name, labels in summary["targets_found"].items():
@@ -119,7 +136,3 @@ def print_run(
         say_wrapped(f"lux: {about_light}", hanging=2)
     for line in filter(None, about):
         say_wrapped(line, hanging=2)
-    took = f" in {done.outcome.wall_s:.0f} s" if done.outcome is not None else ""
-    n_skipped = len(summary["skipped"])
-    skipped = f", {counted(n_skipped, 'picture')} skipped" if n_skipped else ""
-    say(f"{summary['cells']} cells{took}{skipped}. Details: {summary['report']}")

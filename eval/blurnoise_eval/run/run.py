@@ -7,7 +7,7 @@ file outside its folder is opened, and its regular expression for clusters is no
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -374,12 +374,14 @@ class Run:
         *,
         coco: bool = False,
         overwrite: bool = False,
+        before: Callable[[], object] = lambda: None,
     ) -> Path:
         """Write the run's tables, figures and pages; returns the page's path.
 
         output: the folder, by default the run's. coco: also write detections and targets as COCO's files, see
         :func:`~blurnoise_eval.run.coco_export.write_detections`. overwrite: replace files that blurnoise did not
-        write, too. Raises ``OSError``, before anything is written where a file may not be replaced.
+        write, too. before: called when all files may be written, before the first is. Raises ``OSError``, before
+        anything is written where a file may not be replaced.
         """
         folder = self._output(output).path
         with writing(overwrite=overwrite):
@@ -387,6 +389,7 @@ class Run:
             if coco:
                 check_outputs(path_within(folder, "coco"), *detection_files(self.setup))
             summary = self.summary(output)
+            before()
             with self.store as store:
                 page = self._write_report(store, folder, summary)
                 if coco:

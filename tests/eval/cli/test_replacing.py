@@ -257,3 +257,17 @@ def test_python_refuses_and_overwrites_as_commands_do(here):
 @pytest.mark.parametrize("name", ["run/report.html", "run/coco/small.json"])
 def test_a_report_with_coco_files_checks_all_of_them_before_it_writes(here, capsys, name):
     refused(capsys, "report run --coco", THEIRS, {name: b"mine"})
+
+
+def test_answers_are_printed_once_everything_may_be_written_and_before_it_is(here, monkeypatch, capsys):
+    def no_space(*_, **__):
+        raise OSError(28, "No space left on device", "report.html")
+
+    monkeypatch.setattr("blurnoise_eval.report.page.write_report", no_space)
+    assert main(["report", "run"]) == 2
+    printed = capsys.readouterr().out
+    assert "Exposure to use" in printed
+    assert "Details" not in printed
+    (here / "run" / "report.html").write_text("mine")
+    assert main(["report", "run"]) == 2
+    assert not capsys.readouterr().out
