@@ -25,6 +25,7 @@ from blurnoise._core.checks import (
     one_of,
     shown,
 )
+from blurnoise._core.threads import no_torch_compile
 from blurnoise.camera.colour import PictureTone, picture_tone
 from blurnoise.light import effects
 from blurnoise.scene.cutting import checked_masks
@@ -242,7 +243,7 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
             frames[seed] += 1
         return seeds
 
-    @torch.compiler.disable  # type: ignore[untyped-decorator]  # threads, seeds and plans are Python
+    @no_torch_compile
     def apply_transform(
         self, input: Tensor, params: Params, flags: dict[str, Any], transform: Tensor | None = None
     ) -> Tensor:

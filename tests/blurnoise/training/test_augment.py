@@ -3,6 +3,8 @@
 import copy
 import math
 import pickle
+import subprocess
+import sys
 from dataclasses import replace
 from typing import Any
 
@@ -263,3 +265,15 @@ def test_the_memory_format_stays(camera):
     assert last.is_contiguous(memory_format=torch.channels_last)
     assert not last.is_contiguous()
     assert exposed(image, camera, **AT).is_contiguous()
+
+
+def test_the_first_call_does_not_wait_for_the_compiler():
+    """Whose import takes as long as torch's own; in a process that has not compiled anything."""
+    program = (
+        "import sys, torch\n"
+        "from blurnoise import RandomExposure\n"
+        "RandomExposure(p=1.0)(torch.rand(1, 3, 8, 8))\n"
+        "assert 'torch._dynamo' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
