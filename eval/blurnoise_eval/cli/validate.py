@@ -1,4 +1,4 @@
-"""``blurnoise validate``: compare simulated frames, or a simulated picture, with those of a camera."""
+"""``blurnoise validate``: compare simulated frames or pictures with those of a camera."""
 
 from __future__ import annotations
 
@@ -28,20 +28,31 @@ if TYPE_CHECKING:
 
 def validate(
     real: Annotated[
-        Path, Argument(metavar="REAL", help="folder of dark and flat frames, or a picture of a chart")
-    ],
+        Path | None, Argument(metavar="REAL", help="folder of dark and flat frames, or a picture of a chart")
+    ] = None,
     simulated: Annotated[
         Path | None,
         Argument(metavar="SIMULATED", help="picture of the same chart, made with 'blurnoise simulate'"),
     ] = None,
     *,
+    bracket: Annotated[
+        list[Path] | None,
+        Option(metavar="FOLDER", help="pictures of one scene at several exposures; may be repeated"),
+    ] = None,
+    model: Annotated[
+        list[Path] | None, Option(metavar="FILE", help="detector to follow over a bracket; may be repeated")
+    ] = None,
     output: Annotated[
         Path | None,
         Option("-o", "--output", parser=new_folder, metavar="DIR", help="folder for the results"),
     ] = None,
     camera: Annotated[
         str | None,
-        Option(metavar="NAME|FILE", help="camera to simulate (default: fitted to every other level)"),
+        Option(
+            metavar="NAME|FILE",
+            help="camera to simulate (default: fitted to every other level; of a bracket the default camera with a "
+            "fitted tone curve)",
+        ),
     ] = None,
     raw_layout: FramesLayout = None,
     cfa: FramesCfa = None,
@@ -52,11 +63,21 @@ def validate(
     full_scale: FullScale = None,
     as_json: Json = False,
 ) -> None:
-    """Compare real with simulated dark and flat frames of a camera, level by level, or pictures of a chart.
+    """Compare simulated with real pictures: a bracket, dark and flat frames level by level, or a chart.
 
+      blurnoise validate --bracket bracket/ --model m.onnx -o check
       blurnoise validate frames/ -o check
       blurnoise validate frames/ --camera mine.yaml -o check
       blurnoise validate real.png simulated.png --black-level 64 --full-scale 4095
+
+    Brackets: pictures of one still scene from a tripod, a stop or two apart, as the camera delivers them (JPEG, PNG,
+    TIFF). Exposure times, ISO and f-number come from EXIF or from frames.csv (file, exposure_s, iso, f_number;
+    speed_px_s and direction_deg for pictures of a scene that moves as a whole at this speed). Tone curve and scene
+    come from every other picture, and the rest is simulated from them; then the halves change places. Compared are
+    brightness, clipping, contrast, chroma and noise, and the confidence of each model's objects over exposure. The
+    defaults of a sweep, from one photograph, stand beside it. The command writes DIR/validation.html and .json,
+    pictures.csv, confidences.csv, halves.csv, and for sweeps the scene as DIR/scenes/NAME.tiff (linear light) and its
+    camera as DIR/NAME.yaml.
 
     Frames: REAL is a folder as for 'blurnoise cameras fit'. First, the camera's figures are compared with those of
     the frames as EMVA 1288 release 4 defines them: pass or fail. Then frames are simulated and compared: mean,
@@ -69,6 +90,25 @@ def validate(
     Align the pictures to a few pixels. Both should be linear: simulate with --bit-depth native, and use a raw picture
     of the camera. The command writes DIR/validation.csv and .json.
     """
+    if bracket:
+        if real is not None:
+            raise ValueError(f"real = {str(real)!r}: must not be given with --bracket")
+        of_others = {
+            "raw_layout": raw_layout,
+            "cfa": cfa,
+            "leave_out": leave_out,
+            "coding": None if coding == "auto" else coding,
+        }
+        inputs.refuse_unused(
+            of_others | {"black_level": black_level, "full_scale": full_scale}, "frames or a chart"
+        )
+        _validate_brackets(bracket, model or [], output, as_json, camera=camera, seed=seed or 0)
+        return
+    inputs.refuse_unused({"model": model or None}, "--bracket")
+    if real is None:
+        raise ValueError(
+            "real: is missing; must be a folder of frames or a picture of a chart, or use --bracket"
+        )
     of_frames = {"camera": camera, "raw_layout": raw_layout, "cfa": cfa, "leave_out": leave_out, "seed": seed}
     levels = {"black_level": black_level, "full_scale": full_scale}
     # Two commands share a name: options of the other one are refused rather than ignored.
@@ -146,6 +186,60 @@ def _validate_frames(
         say("")
         _say_table(f"{kind} frames", summary(validation.of(kind)))
     say("", *notes)
+
+
+def _validate_brackets(
+    folders: Sequence[Path],
+    models: Sequence[Path],
+    output: Path | None,
+    as_json: bool,
+    *,
+    camera: str | None,
+    seed: int,
+) -> None:
+    from blurnoise_eval import cameras
+    from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.detectors.opening import open_models
+    from blurnoise_eval.measure import bracket_page, bracket_tables
+    from blurnoise_eval.measure.bracket_trial import try_bracket
+    from blurnoise_eval.system.files import check_outputs
+
+    if output:
+        check_outputs(output, *bracket_page.FILES)
+    found = cameras.find(camera) if camera else None
+    names = [folder.resolve().name for folder in folders]
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"bracket: two folders are named {repeated[0]!r}; names must differ")
+    opened = open_models(models)
+    if others := [one.name for one in opened if not isinstance(one, Detector)]:
+        raise ValueError(f"model = {others[0]!r}: reads text; must be a detector")
+    detectors = [one for one in opened if isinstance(one, Detector)]
+    trials = [try_bracket(folder, detectors, found, seed) for folder in folders]
+    notes = [f"{trial.name}: {note}" for trial in trials for note in trial.notes]
+    document = bracket_tables.document(trials) | {"notes": notes}
+    if output:
+        bracket_page.write(trials, notes, output)
+        document = {"output": str(output), **document}
+    if as_json:
+        say_json(document)
+        return
+    for answer in document["answers"]:
+        say_wrapped(answer, hanging=2)
+    for name, rows in bracket_tables.table(trials):
+        say("", name)
+        if rows:
+            say(
+                *table_lines(
+                    bracket_tables.HEADS, rows, [False, False, *[True] * (len(bracket_tables.HEADS) - 2)]
+                )
+            )
+    for trial in trials:
+        heads = (f"pictures of {trial.name}, largest difference", *bracket_tables.WORDS.values())
+        say("", *table_lines(heads, bracket_tables.picture_table(trial), [False, True, True]))
+    for note in notes:
+        say_wrapped(note, hanging=2)
+    if output:
+        say(f"page: {output / 'validation.html'}")
 
 
 def _write(

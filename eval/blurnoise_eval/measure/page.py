@@ -31,8 +31,8 @@ def write(validation: Validation, folder: Path) -> Path:
         page,
         _TEMPLATE,
         validation=validation,
-        pictures=_png(draw_pictures(validation.pairs)),
-        transfer=_png(draw_transfer(validation)),
+        pictures=png(draw_pictures(validation.pairs)),
+        transfer=png(draw_transfer(validation)),
         tables={kind: summary(validation.of(kind)) for kind in ("flat", "dark")},
         heads=HEADS,
         standard_heads=standard.HEADS,
@@ -103,7 +103,8 @@ def draw_transfer(validation: Validation) -> Figure:
     return figure
 
 
-def _png(figure: Figure) -> str:
+def png(figure: Figure) -> str:
+    """A figure as PNG in base64."""
     drawing = io.BytesIO()
     figure.savefig(drawing, format="png", dpi=100)
     return base64.b64encode(drawing.getvalue()).decode("ascii")

@@ -80,7 +80,7 @@ def compare(real: LinearPicture, simulated: LinearPicture) -> tuple[list[Measure
     return comparisons, notes
 
 
-class _Squares(NamedTuple):
+class Squares(NamedTuple):
     """Squares of a picture: mean, variance about a plane, whether it is uniform, and the rest (n, side, side)."""
 
     level: Floats
@@ -92,7 +92,7 @@ class _Squares(NamedTuple):
 def _compare_noise(real: LinearPicture, simulated: LinearPicture) -> list[MeasureComparison]:
     """Noise of the squares that are uniform in both pictures, level by level: the levels are separated at the widest
     gaps, as the patches of a chart are."""
-    pair = [_squares(picture.grey) for picture in (real, simulated)]
+    pair = [squares(picture.grey) for picture in (real, simulated)]
     used = pair[0].uniform & pair[1].uniform & (np.minimum(pair[0].variance, pair[1].variance) > 0)
     level = np.mean([squares.level for squares in pair], 0)[used]
     variance = np.stack([squares.variance for squares in pair], 1)[used]
@@ -127,7 +127,7 @@ def _common_variance(one: Floats, other: Floats) -> float:
     return max(0.0, float(correlation[np.ix_(near, near)].max()) - chance)
 
 
-def _squares(picture: Floats) -> _Squares:
+def squares(picture: Floats) -> Squares:
     """Cut a picture in squares. Uniform are those whose cells vary by no more than noise explains; noise may itself
     be coarse, so the lower quartile of all squares is the reference."""
     rows, columns = (side // BLOCK_PX for side in picture.shape)
@@ -146,7 +146,7 @@ def _squares(picture: Floats) -> _Squares:
     of_cells = (means * means).sum((1, 2)) / (cells**2 - 3)
     structure = of_cells * _CELL_PX**2 / np.maximum(variance, np.finfo(float).tiny)
     usual = min(max(1.0, float(np.percentile(structure, 25))), _COARSEST)
-    return _Squares(level, variance, structure < _EVEN * usual, rest)
+    return Squares(level, variance, structure < _EVEN * usual, rest)
 
 
 def _compare_sharpness(real: LinearPicture, simulated: LinearPicture) -> list[MeasureComparison]:
