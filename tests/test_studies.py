@@ -152,10 +152,10 @@ def test_the_sentence_names_what_ranks_best_and_what_misleads():
     rank = {"model": "m", "group": "signs", "n_nodes": 40}
     best = which_metric.Rank(**rank, metric="ssim", known=1.0, spearman=0.9, low=0.8, high=1.0)
     rarely = which_metric.Rank(**rank, metric="sic_square", known=0.3, spearman=0.99)
-    misleads = which_metric.Rank(**rank, metric="cdp", known=1.0, spearman=0.4, along_light=0.95)
+    misleads = which_metric.Rank(**rank, metric="cta", known=1.0, spearman=0.4, along_light=0.95)
     assert which_metric.sentence([misleads, rarely, best]) == (
         "SSIM ranks conditions best (rank correlation 0.90 (0.80 to 1.00); available at 100% of 40 nodes). "
-        "CDP misleads: 0.95 along light alone, 0.40 over both."
+        "CTA misleads: 0.95 along light alone, 0.40 over both."
     )
     assert which_metric.sentence([rarely]).startswith("cannot tell which metric ranks conditions")
 

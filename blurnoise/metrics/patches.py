@@ -1,4 +1,4 @@
-"""Metrics of uniform patches: signal-to-noise ratio, contrast, detection probability; similarity of pictures.
+"""Metrics of uniform patches: signal-to-noise ratio, contrast and its transfer; similarity of pictures.
 
 Domain: digital numbers with the black level removed, (..., H, W). Results have the leading shape (batch, channel); a
 flag is True where the number should not be trusted. NaN or Inf in a patch gives NaN there, and "not_finite". All
@@ -119,13 +119,14 @@ def patch_contrast(bright: Tensor, dark: Tensor) -> PatchContrast:
     )
 
 
-def detection_probability(
+def contrast_transfer_accuracy(
     patch_a: Tensor, patch_b: Tensor, *, nominal: float, tolerance: float
 ) -> BatchEstimate:
-    """Contrast detection probability of two patches (..., H, W) of any sizes and any distributions.
+    """Contrast transfer accuracy (CTA) of two patches (..., H, W) of any sizes and any distributions.
 
-    The probability that the Weber contrast A/B - 1 of a pixel of A to one of B lies within ``nominal``
-    (1 -+ ``tolerance``), where ``nominal`` is the scene's (IEEE P2020). A pair of pixels counts where both are above
+    The name is that of IEEE Std 2020-2024; drafts and earlier papers say contrast detection probability (CDP). The
+    probability that the Weber contrast A/B - 1 of a pixel of A to one of B lies within ``nominal``
+    (1 -+ ``tolerance``), where ``nominal`` is the scene's. A pair of pixels counts where both are above
     black and rL B <= A <= rH B, r = 1 + contrast. The share of all pairs is a two-sample U-statistic of variance
     var_A/nA + var_B/nB of the pixels' own shares (E. DeLong et al. 1988). The interval is Wilson's for as many coin
     flips as have that variance; it stays within [0, 1], and open where all pairs agree.
@@ -134,7 +135,7 @@ def detection_probability(
     Autonomous Vehicles".
 
     >>> dark, bright = torch.full((8, 8), 10.0), torch.linspace(10, 30, 64).reshape(8, 8)
-    >>> round(float(detection_probability(bright, dark, nominal=1.0, tolerance=0.5).value), 2)
+    >>> round(float(contrast_transfer_accuracy(bright, dark, nominal=1.0, tolerance=0.5).value), 2)
     0.5
     """
     middle = checks.in_range("nominal", nominal, -1.0, LIMITS["contrast"].high)

@@ -15,7 +15,7 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
 from blurnoise.camera.captures import staggered
-from blurnoise.metrics import information, patches, slanted_edge
+from blurnoise.metrics import flicker, information, patches, slanted_edge
 from blurnoise.training.pictures import expose_pictures
 
 CAMERA = Camera.preset("imx250")
@@ -117,7 +117,10 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (charts.siemens_star, {**DRAWN, "cycles": 5, "dark": 0.1, "bright": 0.8}),
     (charts.stop_sign, {**DRAWN, "centre_px": (10.0, 10.0), "background": 0.2}),
     (patches.patch_contrast, {"bright": PATCH + 1, "dark": PATCH}),
-    (patches.detection_probability, {"patch_a": PATCH + 1, "patch_b": PATCH, "nominal": 0.5, "tolerance": 0.2}),
+    (patches.contrast_transfer_accuracy, {"patch_a": PATCH + 1, "patch_b": PATCH, "nominal": 0.5, "tolerance": 0.2}),
+    (flicker.modulation_index, {"means": AXIS + 1}),
+    (flicker.detection_index, {"means": AXIS + 1, "off": 1.0, "threshold": 0.1}),
+    (flicker.mitigation_probability, {"means": AXIS + 1, "tolerance": 0.1}),
     (information.capacity_radial, {"edge": MEASURED}),
     (information.capacity_square, ACROSS),
     (information.neq_0, {"edge": MEASURED}),

@@ -131,7 +131,7 @@ def measure(
     frequencies. They use the nearest edge of the other orientation; if there is none, they assume the same blur in
     both directions. NEQ refers to the bright side of the edge. It does not need the gain, but the black level.
 
-    Simulated charts (without IMAGE): the same metrics, patch SNR, contrast detection probability (CDP), PSNR and
+    Simulated charts (without IMAGE): the same metrics, patch SNR, contrast transfer accuracy (CTA), PSNR and
     SSIM. Each chart is simulated with two noise fields, or with as many as 'repeats' of the plan says. The command
     writes DIR/quality.csv (one row per condition and metric) and DIR/quality.json. For each light it draws a figure
     in DIR/figures: the metrics against exposure, one line per speed. Where a value is not available (saturated, lost

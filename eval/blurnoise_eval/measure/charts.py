@@ -30,7 +30,7 @@ from blurnoise.camera import Camera
 from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.camera.spectra import Curve
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
-from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
+from blurnoise.metrics.patches import contrast_transfer_accuracy, patch_contrast, patch_snr, psnr, ssim
 from blurnoise.metrics.values import BatchEstimate, Estimate
 from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.measure.edges import EDGE_METRICS, EdgePair, Metric, TargetSquare
@@ -193,8 +193,8 @@ def _contrast(name: str) -> Callable[[Charts], list[Estimate]]:
     return lambda charts: charts.of_patches(getattr(patch_contrast(*charts.patches), name))
 
 
-def _cdp(charts: Charts) -> list[Estimate]:
-    return charts.of_patches(detection_probability(*charts.patches, nominal=WEBER, tolerance=TOLERANCE))
+def _cta(charts: Charts) -> list[Estimate]:
+    return charts.of_patches(contrast_transfer_accuracy(*charts.patches, nominal=WEBER, tolerance=TOLERANCE))
 
 
 _UPRIGHT, _LYING = f"edge {TILT_DEG:g}° from vertical", f"edge {TILT_DEG:g}° from horizontal"
@@ -236,8 +236,8 @@ METRICS: tuple[Metric, ...] = (
         _contrast("michelson"), "share",
     ),
     Metric(
-        "cdp", "CDP", "1", f"share of pixel pairs within ±{TOLERANCE:.0%} of Weber contrast {WEBER:.3g}",
-        _cdp, "share",
+        "cta", "CTA", "1", f"share of pixel pairs within ±{TOLERANCE:.0%} of Weber contrast {WEBER:.3g}",
+        _cta, "share",
     ),
     Metric("psnr_db", "PSNR", "dB", _SIGN, lambda charts: charts.of_sign(psnr)),
     Metric("ssim", "SSIM", "1", _SIGN, lambda charts: charts.of_sign(ssim), "share"),

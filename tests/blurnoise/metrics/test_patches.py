@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from blurnoise import Camera, charts, simulate
-from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
+from blurnoise.metrics.patches import contrast_transfer_accuracy, patch_contrast, patch_snr, psnr, ssim
 
 WEBER = {"nominal": 1.0, "tolerance": 0.5}
 NARROW = {"nominal": 1.0, "tolerance": 0.23}
@@ -32,7 +32,7 @@ def closed(mean_a, std_a, mean_b, std_b, nominal, tolerance):
 @pytest.mark.parametrize("how", [WEBER, NARROW])
 def test_all_pairs_are_counted(how):
     a, b = normal(120, 9, 2, 13, 17).round(), normal(60, 6, 2, 11, 9, seed=2).round()  # with ties at bounds
-    got = detection_probability(a, b, **how)
+    got = contrast_transfer_accuracy(a, b, **how)
     x, y = a.flatten(1)[:, :, None], b.flatten(1)[:, None, :]
     contrast = x / y - 1
     low, high = (how["nominal"] * (1 + s * how["tolerance"]) for s in (-1, 1))
@@ -42,7 +42,7 @@ def test_all_pairs_are_counted(how):
 
 @pytest.mark.parametrize("how", [WEBER, NARROW])
 def test_interval_holds_the_truth_as_often_as_it_says(how):
-    got = detection_probability(normal(120, 9, 1500, 15, 16), normal(60, 6, 1500, 14, 13, seed=2), **how)
+    got = contrast_transfer_accuracy(normal(120, 9, 1500, 15, 16), normal(60, 6, 1500, 14, 13, seed=2), **how)
     truth = closed(120, 9, 60, 6, **how)
     covered = float(((got.low < truth) & (got.high > truth)).double().mean())
     assert 0.93 <= covered <= 0.97  # binomial, p 0.95, n 1500: -+ 3.5 sigma
@@ -53,12 +53,12 @@ def test_interval_holds_the_truth_as_often_as_it_says(how):
 
 def test_saturated_and_black_patches():
     full = torch.full((20, 20), 255, dtype=torch.uint8)
-    got = detection_probability(full, full, **WEBER)
+    got = contrast_transfer_accuracy(full, full, **WEBER)
     assert bool(got.flags["noiseless"])
     assert float(got.value) == 0
     assert float(got.high) == pytest.approx(1.96**2 / (400 + 1.96**2), rel=1e-3)  # 400 that agree: no proof
-    assert float(detection_probability(0 * full, 0 * full, **WEBER).value) == 0
-    below = detection_probability(-normal(120, 9, 20, 20), -normal(60, 6, 20, 20), **WEBER)
+    assert float(contrast_transfer_accuracy(0 * full, 0 * full, **WEBER).value) == 0
+    below = contrast_transfer_accuracy(-normal(120, 9, 20, 20), -normal(60, 6, 20, 20), **WEBER)
     assert float(below.value) == 0  # the ratio would be right
 
 
@@ -66,11 +66,11 @@ def test_flags_of_one_item_leave_the_others_alone():
     a, b, marked = normal(120, 9, 3, 4, 6), normal(60, 6, 3, 9, 9, seed=2), [False, True, False]
     a[1, 0, 0] = math.nan
     both = patch_contrast(a, b)
-    for got in (detection_probability(a, b, **WEBER), both.cnr, both.michelson, patch_snr(a)):
+    for got in (contrast_transfer_accuracy(a, b, **WEBER), both.cnr, both.michelson, patch_snr(a)):
         assert got.flags["not_finite"].tolist() == marked
         for number in (got.value, got.low, got.high):
             assert torch.isnan(number).tolist() == marked
-    assert detection_probability(a, b, **WEBER).flags["too_few_pixels"].all()
+    assert contrast_transfer_accuracy(a, b, **WEBER).flags["too_few_pixels"].all()
     alone = patch_snr(a[0])
     assert float(patch_snr(a).value[0]) == pytest.approx(float(alone.value), rel=1e-12)
 
@@ -101,7 +101,7 @@ def test_rounding_is_no_noise(black):
     got = patch_contrast(bright, dark).cnr
     assert bool(got.flags["noiseless"])
     assert float(got.value) == math.inf
-    assert bool(detection_probability(bright, dark, **WEBER).flags["noiseless"])
+    assert bool(contrast_transfer_accuracy(bright, dark, **WEBER).flags["noiseless"])
 
 
 @pytest.mark.parametrize("side_px", [10, 30])
@@ -198,11 +198,11 @@ ONES = torch.ones(1, 1, 12, 12)
 @pytest.mark.parametrize(
     ("call", "given", "message"),
     [
-        (detection_probability, {"tolerance": 0.0}, "tolerance"),
-        (detection_probability, {"nominal": 0.0}, "must differ"),
-        (detection_probability, {"nominal": -0.8}, "above -1"),
-        (detection_probability, {"patch_a": torch.ones(1, 1)}, "patch_a: must be two pixels"),
-        (detection_probability, {"patch_b": torch.ones(3, 4, 4)}, "patch_b"),
+        (contrast_transfer_accuracy, {"tolerance": 0.0}, "tolerance"),
+        (contrast_transfer_accuracy, {"nominal": 0.0}, "must differ"),
+        (contrast_transfer_accuracy, {"nominal": -0.8}, "above -1"),
+        (contrast_transfer_accuracy, {"patch_a": torch.ones(1, 1)}, "patch_a: must be two pixels"),
+        (contrast_transfer_accuracy, {"patch_b": torch.ones(3, 4, 4)}, "patch_b"),
         (patch_snr, {"patch": torch.ones(9)}, "at least 2 dimensions"),
         (patch_snr, {"limits_dn": (5.0, 5.0)}, "limits_dn"),
         (psnr, {"picture": torch.ones(3, 12, 12)}, "at least 4"),
@@ -213,7 +213,7 @@ ONES = torch.ones(1, 1, 12, 12)
 )
 def test_wrong_arguments_are_named(call, given, message):
     right = {
-        detection_probability: {"patch_a": torch.ones(4, 4), "patch_b": torch.ones(4, 4), **WEBER},
+        contrast_transfer_accuracy: {"patch_a": torch.ones(4, 4), "patch_b": torch.ones(4, 4), **WEBER},
         patch_snr: {"patch": torch.ones(9, 9)},
     }.get(call, {"picture": ONES, "reference": ONES, "data_range": 1.0})
     with pytest.raises(ValueError, match=message):

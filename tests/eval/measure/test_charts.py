@@ -140,7 +140,7 @@ def test_information_is_the_closed_forms(rows, exposure_s):
 def test_saturation_withholds_what_it_falsifies(rows):
     """At 0.1 s white would hold 28 000 e-, the pixel 10 700; the grey at 18 % is still whole."""
     for speed in (0.0, 500.0):
-        for metric in (*EDGES, "patch_snr_bright", "neq_0", "cnr", "michelson", "cdp"):
+        for metric in (*EDGES, "patch_snr_bright", "neq_0", "cnr", "michelson", "cta"):
             found = reading(rows, metric, 0.1, speed)
             assert "clipped" in found.flags, metric
             assert math.isnan(found.value)
@@ -184,7 +184,7 @@ def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows):
     assert torch.get_num_threads() == before  # given back
     pairs = list(zip(wanted, records(*some, seed=7), strict=True))
     # can be 1
-    assert all(mine["value"] != theirs["value"] for mine, theirs in pairs if mine["metric"] != "cdp")
+    assert all(mine["value"] != theirs["value"] for mine, theirs in pairs if mine["metric"] != "cta")
 
 
 # --- files, figures, the command --------------------------------------------
