@@ -59,7 +59,7 @@ def mitigation_probability(means: Tensor, *, tolerance: float = 0.1) -> BatchEst
     1: no flicker. The 95 % interval is Wilson's for independent frames.
 
     >>> mitigation_probability(torch.tensor([95.0, 100.0, 105.0, 60.0])).value.item()  # of a mean of 90
-    0.5
+    0.25
     """
     means, tolerance = _series(means), limited("tolerance", tolerance, "contrast")
     middle = means.mean(-1, keepdim=True)

@@ -84,7 +84,7 @@ def steepest(at: NoiseReduction) -> float:
     (1 + n u e^(-u/2)) / (1 + n e^(-u/2)); n: their weights by distance.
 
     >>> steepest(NoiseReduction()), steepest(NoiseReduction(sigma_px=3.0))
-    (2.6, 4.0)
+    (2.6, 4.1)
     """
     reach = at.reach_px
     squares = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) ** 2

@@ -74,9 +74,9 @@ class Photographs:
 def photographs(pictures: Sequence[tuple[Location | None, NDArray[np.uint8]]]) -> Photographs | None:
     """What pictures (H, W, 3) bring along, with their files; None where none has flat parts.
 
-    >>> noisy = np.random.default_rng(0).normal(120, 4, (160, 240, 1)).round().astype(np.uint8).repeat(3, 2)
+    >>> noisy = np.random.default_rng(0).normal(120, 4, (240, 240, 1)).round().astype(np.uint8).repeat(3, 2)
     >>> photographs([(None, noisy)]).texts
-    ['fine noise and texture of 4 DN in flat parts']
+    ['fine noise and texture of 4.1 DN in flat parts']
     """
     noise = [known for _, image in pictures if (known := flat_noise(image))]
     if not noise:
