@@ -68,7 +68,7 @@ def decode_any(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: s
     exr = str(path).lower().endswith(EXR)
     values = _openexr(path, max_megapixels, known) if exr else _stored(path, max_megapixels, known)
     if values is None or (values.dtype not in (np.uint8, np.uint16) and values.dtype.kind != "f"):
-        must = "must be an 8- or 16-bit picture, or one of floats, that OpenCV can decode"
+        must = "must be an 8- or 16-bit picture that OpenCV can decode"
         raise UnreadablePicture(f"{path}: {must}")
     if values.dtype.kind == "u":
         return cast(Coded, values)

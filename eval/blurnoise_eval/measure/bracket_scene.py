@@ -44,12 +44,13 @@ class MergedScene:
 def merge(shots: Sequence[Shot], pictures: Sequence[Bytes], tone: PictureTone) -> MergedScene:
     """The scene of a bracket. Pixels that clip in all pictures keep the light at which the shortest one clips.
 
+    >>> from pathlib import Path
     >>> light = np.repeat(np.linspace(0.01, 4.0, 60).reshape(6, 10, 1), 3, 2)
     >>> shots = [Shot(Path(f"{time}.png"), time) for time in (0.25, 1.0)]
     >>> pictures = [np.rint(255 * np.minimum(light * shot.exposure, 1)).astype(np.uint8) for shot in shots]
     >>> scene = merge(shots, pictures, "linear")
-    >>> round(float(np.abs(scene.light * 0.25 / scene.reference.exposure - light * 0.25).max()), 2)
-    0.06
+    >>> bool(np.abs(scene.light - light).max() < 0.02)  # the longer picture clips from 1 on
+    True
     """
     table = untoned(torch.arange(256, dtype=torch.float64) / 255, tone).numpy()
     clip = 255 * (1.0 if isinstance(tone, str) else tone[-1][1])
@@ -74,6 +75,7 @@ def merge(shots: Sequence[Shot], pictures: Sequence[Bytes], tone: PictureTone) -
 def off_exposure(scene: MergedScene, shot: Shot, picture: Bytes, tone: PictureTone) -> float:
     """Light of a picture over that of the scene at its exposure, EV, the median of its middle values; 0 without any.
 
+    >>> from pathlib import Path
     >>> scene = MergedScene(np.full((8, 8, 3), 0.25, np.float32), Shot(Path("a.png"), 1.0), 0.0)
     >>> round(off_exposure(scene, Shot(Path("b.png"), 1.0), np.full((8, 8, 3), 128, np.uint8), "linear"), 2)
     1.01
