@@ -57,7 +57,7 @@ def search(plan: SweepPlan, camera: Camera) -> Strategy:
 
 @dataclass(frozen=True)
 class Search:
-    """The conditions of a plan's grid that decide which exposure to use; as many as the grid has, at most."""
+    """The conditions of a plan's grid that decide which exposure to use, and some of exposures between its own."""
 
     plan: SweepPlan
     camera: Camera
@@ -85,25 +85,26 @@ class Search:
 
     def _step(self, conditions: Sequence[Conditions], *, first: bool) -> Step:
         grid = self.search_space.grid_conditions
-        note = f"decide: at most {counted(grid, 'condition')}, {len(conditions)} at first"
+        note = f"decide: {counted(grid, 'condition')} in the grid, {len(conditions)} at first"
         plan = replace(self.plan, only=tuple(conditions), examples=self.plan.examples and first)
         return Step(counted(len(conditions), "condition"), plan, note * first)
 
     def _next(self, run: Run) -> list[Conditions]:
         """The conditions that are computed next, by all that the run has."""
         noted, tables = _noted(run), run.tables_with_answers()
-        cells, batch = self._cells(tables), max(BATCH, len(self._lines) // 2)
-        left = self.search_space.grid_conditions - len(noted)
+        # Once it has computed as much as the grid, only what it has begun is completed.
+        between = len(noted) < self.search_space.grid_conditions
+        cells, batch = self._cells(tables, between=between), max(BATCH, len(self._lines) // 2)
         if not noted:
             tested = np.argwhere(np.broadcast_to(cells.of_grid, cells.shape))
-            chosen = tested[spread(cells.places[tuple(tested.T)], min(batch, left))].tolist()
+            chosen = tested[spread(cells.places[tuple(tested.T)], batch)].tolist()
         else:
             trend = Trend.of(self.camera)
             outlooks = [
                 Outlook(of, cells, _ceiling([table for table in tables if table.model == of.model]), trend)
                 for of in run.averages(tables)
             ]
-            chosen = most_promising(outlooks, min(batch, left))
+            chosen = most_promising(outlooks, batch)
         return [self._conditions(cell, cells) for cell in chosen]
 
     @cached_property
@@ -117,11 +118,11 @@ class Search:
         n, e = cell
         return Conditions(**self._lines[n], exposure_s=cells.exposures_s[e])
 
-    def _cells(self, tables: Iterable[ScoreTable]) -> Cells:
-        """The cells of the grid, of exposures between its own, and of all that were measured."""
+    def _cells(self, tables: Iterable[ScoreTable], *, between: bool = True) -> Cells:
+        """The cells of the grid, of all exposures that were measured, and of others between those of the grid."""
         grid = self.plan.values(EXPOSURE.name)
         measured = chain.from_iterable(table.conditions[EXPOSURE.name].tolist() for table in tables)
-        exposures = sorted({*grid, *_between(grid), *measured})
+        exposures = sorted({*grid, *(_between(grid) if between else ()), *measured})
         rows = [Conditions(**line, exposure_s=grid[0]).on(self.camera) for line in self._lines]
         return Cells(
             settings=tuple(map(setting_of, rows)),

@@ -161,7 +161,7 @@ def strategy_sentences(setup: Setup) -> list[str]:
         return []
     if counts["because"]:
         reasons = "; ".join(counts["because"])
-        return [f"The full grid of {counts['nodes']} conditions was computed: {reasons}."]
+        return [f"The full grid of {counted(counts['nodes'], 'condition')} was computed: {reasons}."]
     sentence = (
         f"{counted(counts['nodes'], 'condition')} with {counted(counts['pictures'], 'picture')}: "
         f"{counted(counts['cells'], 'cell')}. The grid would need {counts['grid_cells']} without its refinement."
@@ -170,8 +170,6 @@ def strategy_sentences(setup: Setup) -> list[str]:
         return [sentence, _PREDICTED]
     if setup.has_whole_grid:
         return [sentence, "All of the grid was needed."]
-    if counts["cells"] >= counts["grid_cells"]:
-        return [sentence, "The search stopped there; exposures that were not tested may be better."]
     return [sentence, f"No exposure that was not tested promises more than {SETTLED:g} above those to use."]
 
 
