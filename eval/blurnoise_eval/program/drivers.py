@@ -78,7 +78,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class Cap:
-    """A cap, s, with the shortest exposure of the sensor, s, and the most gain, a factor, that it needs.
+    """A cap, s, with the shortest exposure of the sensor, s, and the most gain, a factor.
 
     mains_hz: of the lamps whose flicker is to be avoided, 0 for none. sensor_gains: the least and the most gain of
     the sensor itself.

@@ -139,7 +139,7 @@ def best_limit(problem: Problem, saturated: Callable[[float], float | None] | No
         high=high,
         schedule=schedule,
         uncapped=uncapped,
-        speeds=tuple(_effects(problem, schedule, uncapped)),
+        speeds=tuple(_effects(problem, schedule, uncapped, known=low is not None)),
         lights=tuple(of_lights),
     )
 
@@ -220,8 +220,8 @@ def _around(
     return caps_s[own], caps_s[first], caps_s[last]
 
 
-def _effects(problem: Problem, schedule: Schedule, uncapped: Schedule) -> list[SpeedEffect]:
-    """What the cap changes at each speed, paired by picture."""
+def _effects(problem: Problem, schedule: Schedule, uncapped: Schedule, *, known: bool) -> list[SpeedEffect]:
+    """What the cap changes at each speed, paired by picture. known: whether the pictures are enough for intervals."""
     effects = []
     for speed, share in problem.scenario.speeds_px_s.items():
         alone = replace(problem, scenario=replace(problem.scenario, speeds_px_s={speed: 1.0}))
@@ -235,7 +235,9 @@ def _effects(problem: Problem, schedule: Schedule, uncapped: Schedule) -> list[S
             influences.append(influence[:, 0] - influence[:, 1])
             sigmas.append(uncertainty.sigma_of_differences(cov, 1)[0])
         mean = float(np.mean(differences))
-        low, high = uncertainty.of_difference(mean, np.mean(influences, axis=0))
+        low, high = (
+            uncertainty.of_difference(mean, np.mean(influences, axis=0)) if known else (np.nan, np.nan)
+        )
         wide = uncertainty.NORMAL * float(np.mean(sigmas))
         effects.append(
             SpeedEffect(

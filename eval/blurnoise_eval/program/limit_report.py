@@ -89,7 +89,10 @@ def sentence(limit: ExposureCap) -> str:
     does = reached_text(value, limit.problem.inputs.criterion)
     over = f"{lights_text(lights)} auto exposure then {does}"
     if _is_longest(limit):
-        return f"No cap below {milliseconds(limit.longest_s)} ms, the longest exposure, is better. {over}."
+        longest = f"{milliseconds(limit.longest_s)} ms, the longest exposure"
+        if limit.problem.inputs.exposures_s[1] < limit.problem.limits.limit_s * (1 - 1e-9):
+            return f"No cap below {longest} tested, is better; longer ones may be. {over}."
+        return f"No cap below {longest}, is better. {over}."
     same = ""
     if not _told(limit):
         same = f"; {too_few(len(limit.problem.clusters))} to tell caps apart"
@@ -154,10 +157,12 @@ def _between(from_s: float, to_s: float) -> str:
 
 
 def cap_of(limit: ExposureCap) -> Cap:
-    """The cap with the most gain that it needs."""
-    problem, gain = limit.problem, 10 ** (max(limit.schedule.gains_db) / 20)
+    """The cap with the most gain: pictures that are darker than the mean need more than it does."""
+    problem = limit.problem
     sensor_gains = registers.gain_limits(problem.inputs.metering.camera)
-    return Cap(limit.limit_s, problem.limits.first_s, gain, problem.limits.mains_hz, sensor_gains)
+    return Cap(
+        limit.limit_s, problem.limits.first_s, problem.most_gain, problem.limits.mains_hz, sensor_gains
+    )
 
 
 def document(
@@ -202,6 +207,7 @@ def text_lines(limit: ExposureCap) -> Iterator[str]:
     """The lines of limit.txt: the words of each driver, and a table for whoever writes registers."""
     cap = cap_of(limit)
     yield f"# Cap of the exposure time: {cap.us} us"
+    yield from comment(sentence(limit))
     yield from comment(warnings(limit))
     far = {key: how for key, rows in of_drivers(limit).items() if (how := apart(rows))}
     yield from document_lines(cap, far)

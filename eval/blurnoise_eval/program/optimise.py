@@ -33,6 +33,7 @@ COST_PER_DB = MOST_LOSS / 6.0
 EARLY_GAIN_DB = 36.0
 """The most gain while the exposure can still rise: 16 of the sensor, the most in libcamera's modes, times 4, the most
 that it adds digitally (``AgcChannel::prepare``)."""
+EARLY_GAIN = 10 ** (EARLY_GAIN_DB / 20)
 
 
 @dataclass(frozen=True)
@@ -109,9 +110,15 @@ def optimise(problem: Problem) -> Program:
         return problem.schedule([limits.settled(stages.divided(total_s)[0]) for total_s in totals_s])
 
     # No camera goes below its first stage, and the sun is brighter than any tested light: there exposures must be
-    # shorter than tested, and shorter than a period of the lamps.
+    # shorter than tested, and shorter than a period of the lamps. Nor has it more gain than the last stage, and half
+    # of the pictures are darker than the mean: the run has metered each of them up to the camera's gain.
     def extended(stages: Stages) -> Stages:
-        return replace(stages, times_s=(min(limits.first_s, stages.times_s[0]), *stages.times_s[1:]))
+        late = stages.times_s[-1] >= tested_s[-1] * (1 - 1e-9)
+        gain = problem.most_gain if late else min(problem.most_gain, EARLY_GAIN)
+        return Stages(
+            (min(limits.first_s, stages.times_s[0]), *stages.times_s[1:]),
+            (*stages.gains[:-1], max(stages.gains[-1], gain)),
+        )
 
     most_worth = programs[-1][1]
     fewest = next(stages for stages, worth in programs if worth >= most_worth - MOST_LOSS * len(lights))
@@ -133,7 +140,7 @@ def optimise(problem: Problem) -> Program:
         baselines=_baselines(problem, fixed_s),
         low=low,
         high=high,
-        regret_95=regret_of(problem, schedule, times, objective),
+        regret_95=None if low is None else regret_of(problem, schedule, times, objective),
     )
 
 
@@ -169,13 +176,11 @@ def _staged(
     problem: Problem, totals_s: Sequence[float], low_s: float, high_s: float
 ) -> list[tuple[Stages, float]]:
     """The best stages of each number, with times from low to high, and the sum of their worth over the lights."""
-    limits, metering = problem.limits, problem.inputs.metering
+    limits = problem.limits
     lattice, steady = _lattice(limits, low_s, high_s)
     worth = problem.objective([min(limits.settled(time), high_s) for time in lattice])
     worth -= COST_PER_DB * problem.gains_db(lattice)
-    most_db = min(limits.gain_max_db, metering.camera.sensor.gain_max_db)
-    most, early = 10 ** (most_db / 20), 10 ** (EARLY_GAIN_DB / 20)
-    programs = best_stages(worth, totals_s, lattice, most, early, steady)
+    programs = best_stages(worth, totals_s, lattice, problem.most_gain, EARLY_GAIN, steady)
     if not programs:
         raise problem.nothing_left(problem.scenario.lights_lux[:: len(totals_s) - 1 or 1])
     return programs
@@ -208,9 +213,10 @@ def _lattice(limits: ExposureLimits, low_s: float, high_s: float) -> tuple[list[
 
 def interval_of(problem: Problem, schedule: Schedule) -> tuple[float | None, float | None]:
     """95 % interval of a schedule's value; None from few pictures."""
-    objective, influence, cov = problem.uncertain(problem.scenario.lights_lux, schedule.exposures_s)
-    sigma = np.sqrt(max(float(cov.mean()), 0.0))
-    low, high = uncertainty.of_level(objective.mean(), influence.mean(axis=1), problem.most, sigma)
+    at = problem.scenario.lights_lux, schedule.exposures_s
+    objective, influence, cov = problem.uncertain(*at)
+    sigma, clusters = np.sqrt(max(float(cov.mean()), 0.0)), problem.effective(*at)
+    low, high = uncertainty.of_level(objective.mean(), influence.mean(axis=1), problem.most, sigma, clusters)
     return finite(float(low)), finite(float(high))
 
 

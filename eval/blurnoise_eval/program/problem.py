@@ -31,7 +31,7 @@ from blurnoise_eval.report.findings import unfinished
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search_space import SearchSpace, what_breaks
 from blurnoise_eval.run.surface import Predicted, Trend
-from blurnoise_eval.scoring.uncertainty import influence, ratio_of_sums
+from blurnoise_eval.scoring.uncertainty import effective, influence, ratio_of_sums
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import StoreError
 from blurnoise_eval.system.tables import finite
@@ -48,7 +48,7 @@ class Inputs:
     planes: its score by kind of target, on the plane or by speed. scenario: the lights, speeds and targets of the
     run, with equal shares. exposures_s: the shortest and the longest of the run. recommended_s: the exposure that the
     run's report recommends for all conditions. notes: what was left out or assumed. lights: the run's named ones.
-    one_axis: of a run on the plane.
+    one_axis: of a run on the plane. search: the folder of a run that has a part of its grid; "" where it is whole.
     """
 
     model: str
@@ -61,6 +61,7 @@ class Inputs:
     notes: tuple[str, ...] = ()
     lights: tuple[Light, ...] = ()
     one_axis: OneAxis | None = None
+    search: str = ""
 
     @cached_property
     def known(self) -> dict[str, OnPlane | BySpeed]:
@@ -128,6 +129,7 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
     if driving := [EGO.shown(each) for each in space.grid.get(EGO.name, ()) if any(space.grid[EGO.name])]:
         speeds = [round(speed, 9) for speed in driving]
     choice = run.averages(tables)[0].choose()
+    left_out = run.setup.searched and not (run.setup.predicted or run.setup.has_whole_grid)
     return Inputs(
         model=name,
         criterion=run.criterion,
@@ -144,6 +146,7 @@ def inputs_of(run: Run, model: str | None = None) -> Inputs:
         notes=tuple(notes),
         lights=run.plan.light,
         one_axis=one_axis,
+        search=str(run.folder) if left_out else "",
     )
 
 
@@ -250,6 +253,12 @@ class Problem:
         """The greatest value of the objective."""
         return sum(share * self.inputs.planes[target].most for target, share in self.scenario.targets.items())
 
+    @cached_property
+    def most_gain(self) -> float:
+        """The most gain that the limits allow and the camera has, a factor."""
+        camera_db = self.inputs.metering.camera.sensor.gain_max_db
+        return float(10 ** (min(self.limits.gain_max_db, camera_db) / 20))
+
     @property
     def _range(self) -> tuple[Array, Array]:
         """The least and the greatest light times exposure, lux s, and motion, px, that all surfaces cover."""
@@ -273,6 +282,13 @@ class Problem:
 
     def nothing_left(self, lights_lux: Sequence[float]) -> ValueError:
         """The error where no exposure is left at these lights."""
+        if folder := self.inputs.search:
+            least, most = lux_text(min(lights_lux)), lux_text(max(lights_lux))
+            at = f"{least} lux" if least == most else f"{least} to {most} lux"
+            return ValueError(
+                f"run = {folder!r}: has too few conditions of its grid for a program at {at}; 'blurnoise sweep' with "
+                f"the same options and -o {folder} computes the rest"
+            )
         if beyond := self._beyond_tested(lights_lux):
             return ValueError(beyond)
         (light_low, motion_low), (light_high, motion_high) = self._range
@@ -358,6 +374,18 @@ class Problem:
             value=finite(values.mean()),
             worst_speed=finite(of_speeds.min()),
         )
+
+    def effective(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> float:
+        """How many clusters of one size there are at each light and speed, at least, as the run's report counts them
+        (:func:`~blurnoise_eval.scoring.uncertainty.effective`)."""
+        sizes: dict[float, Array] = {}
+        for (speed, target), (_, counts) in zip(
+            self.scenario.cases, self.predicted(lights_lux, exposures_s), strict=True
+        ):
+            rows = [self.clusters.index(cluster) for cluster in self.inputs.planes[target].clusters]
+            of_speed = sizes.setdefault(speed, np.zeros((len(self.clusters), counts.shape[1])))
+            of_speed[rows] += counts / counts.sum(axis=0)
+        return min(float(effective(each).min()) for each in sizes.values())
 
     def uncertain(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> tuple[Array, Array, Array]:
         """The objective (M,), the influence of each cluster on it (C, M), and the covariance (M, M) of the surfaces'

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from blurnoise_eval.report.words import counted
+from blurnoise_eval.scoring.uncertainty import FEWEST
 
 
 def lux_text(light_lux: float, digits: int = 4) -> str:
@@ -29,10 +30,11 @@ def lights_text(lights_lux: Sequence[float]) -> str:
 def too_few(pictures: int) -> str:
     """The beginning of a sentence on pictures.
 
-    >>> too_few(1), too_few(7)
-    ('1 picture is too few', '7 pictures are too few')
+    >>> too_few(1), too_few(7), too_few(10)
+    ('1 picture is too few', '7 pictures are too few', '10 pictures of unequal weight are too few')
     """
-    return f"{counted(pictures, 'picture')} {'is' if pictures == 1 else 'are'} too few"
+    weight = " of unequal weight" if pictures >= FEWEST else ""
+    return f"{counted(pictures, 'picture')}{weight} {'is' if pictures == 1 else 'are'} too few"
 
 
 def score_text(value: float | None) -> str:

@@ -15,6 +15,7 @@ from operator import attrgetter, itemgetter
 from blurnoise_eval.answers.exposure_window import WORKS
 from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATURATED, SURE
 from blurnoise_eval.answers.rows import AnswerRow, RecommendationRow
+from blurnoise_eval.answers.table import LEAST_KNOWN
 from blurnoise_eval.plan.axes import EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
 from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.plots.style import spread
@@ -176,6 +177,10 @@ class _OfModel:
 
     def answer(self, *, brief: bool) -> list[str]:
         """What to use, the most important first. brief: without where it falls short."""
+        most = max(row.score.known for row in self.conditions)
+        if most < LEAST_KNOWN:  # none is better than another
+            best = reached_text(f"{most:.2f}", self.data.criterion)
+            return [f"No exposure works, and none can be recommended: the best {best}."]
         if self.whole is None:
             return [
                 self._of_each_light(brief=brief),
@@ -201,8 +206,9 @@ class _OfModel:
             )
         )
         reached = reached_text(f"{self._of_lights():.2f}", self.data.criterion) + self._over(brief=brief)
-        unsure = "" if brief else self._unsure(self.lights[0])
         of_kinds, settled = self._of_each_kind() * (not brief), self._settled(self.lights)
+        bright = max(self.lights, key=lambda row: row.saturated_share or 0.0)
+        unsure = "" if brief else self._saturates(bright) + self._unsure(self.lights[0])
         if not works:
             # Nobody should set what fails; the best of it is still worth knowing.
             start = "No exposure works" if fails == n else "No exposure surely works"
@@ -299,17 +305,21 @@ class _OfModel:
 
     def _bright(self, row: RecommendationRow) -> str:
         """What the exposure saturates, and which one keeps more but saturates too much to be used."""
-        text = ""
-        if row.saturated_share is not None and row.saturated_share > SATURATED:
-            brightest = max(each.conditions[LIGHT.name] for each in self.lights)
-            at = f" at {LIGHT.text(brightest)}" if len(self.lights) > 1 else ""
-            text = f" It saturates {100 * row.saturated_share:.0f} % of the picture{at}."
+        text = self._saturates(row)
         means = (row for row in self.data.averages if row.model == self.model)
         tested = {s: value for each in means for s, value in zip(each.exposures_s, each.values, strict=True)}
         exposure_s, value = max(tested.items(), key=itemgetter(1, 0), default=(0.0, 0.0))
         if value - tested.get(row.exposure_s, value) > NEAR and exposure_s > row.exposure_s:
             text += f" {EXPOSURE.text(exposure_s)} {keeps(self.data.criterion)} {value:.2f}, but saturates too much."
         return text
+
+    def _saturates(self, row: RecommendationRow) -> str:
+        """How much of the picture an exposure saturates in the brightest of its lights, if that is much."""
+        if row.saturated_share is None or row.saturated_share <= SATURATED:
+            return ""
+        brightest = row.conditions[LIGHT.name] or max(each.conditions[LIGHT.name] for each in self.lights)
+        at = f" at {LIGHT.text(brightest)}" if len(self.lights) > 1 else ""
+        return f" It saturates {100 * row.saturated_share:.0f} % of the picture{at}."
 
     def _weakest(self) -> str:
         """Where the single exposure is worst."""
@@ -400,8 +410,8 @@ class _OfModel:
 
     def next_steps(self, run: str) -> str:
         """What to do for a surer answer, or with this one. run: where it is."""
-        n = len(self.conditions)
-        unknown = sum(row.verdict == CANNOT_TELL for row in self.conditions)
+        n = sum(row.n_conditions for row in self.conditions)
+        unknown = sum(row.n_conditions for row in self.conditions if row.verdict == CANNOT_TELL)
         most = max(self.conditions, key=attrgetter("n_pictures"))
         some = f" on {unknown} of {n} {self.combinations.split()[0]}" * (n > 1)
         parts = [f"Evaluate more pictures. With {self._pictures(most)}, the verdict{some} is open."] * (

@@ -69,6 +69,14 @@ def test_a_run_that_was_stopped_is_said_to_be_unfinished(skewed, monkeypatch):
     assert inputs_of(skewed).notes[0].startswith("The run is not finished: 3 cells missing.")
 
 
+def test_a_part_of_a_grid_is_completed_by_a_sweep(skewed):
+    inputs = replace(inputs_of(skewed), search="run")
+    problem = Problem(inputs, inputs.scenario, ExposureLimits())
+    said = r"too few conditions of its grid .* at 5 lux; 'blurnoise sweep' .* -o run"
+    with pytest.raises(ValueError, match=said):
+        raise problem.nothing_left([5.0])
+
+
 def test_a_run_in_which_next_to_nothing_was_found_has_no_program(skewed, monkeypatch):
     nothing = [replace(table, sums=0.04 * table.counts) for table in skewed.score_tables()]
     monkeypatch.setattr(skewed, "score_tables", lambda: nothing)

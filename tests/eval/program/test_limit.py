@@ -44,6 +44,34 @@ def test_auto_exposure_takes_what_the_light_asks_for_up_to_the_cap(limit):
         assert row.exposure_s * 10 ** (row.gain_db / 20) == pytest.approx(total_s, rel=5e-3)
 
 
+def test_pictures_darker_than_the_mean_have_gain_left(limit):
+    """The run's pictures were metered one by one, up to the camera's gain; the mean asks for less."""
+    most_db = limit.problem.inputs.metering.camera.sensor.gain_max_db
+    assert max(limit.schedule.gains_db) < most_db - 1
+    assert 20 * np.log10(limit_report.cap_of(limit).gain) == pytest.approx(most_db)
+
+
+def test_pictures_of_unequal_weight_have_no_intervals(monkeypatch):
+    """As in the run's report, which counts them as fewer."""
+    problem = made_problem()
+    at = problem.scenario.lights_lux, [0.005] * len(problem.scenario.lights_lux)
+    assert 15 < problem.effective(*at) < 24  # weights of a gamma distribution of shape 3 count as 3/4
+    monkeypatch.setattr(type(problem), "effective", lambda *_: 7.9)
+    limit = best_limit(problem)
+    assert (limit.low, limit.high) == (None, None)
+    assert {(each.low, each.high) for each in limit.speeds} == {(None, None)}
+    program = optimise(problem)
+    assert (program.low, program.high, program.regret_95) == (None, None, None)
+
+
+def test_the_longest_tested_exposure_is_no_limit_of_the_camera():
+    problem = problem_of({0.0: 1.0})
+    limit = best_limit(replace(problem, inputs=replace(problem.inputs, exposures_s=(0.0, 0.01))))
+    said = limit_report.sentence(limit)
+    assert said.startswith("No cap below 10 ms, the longest exposure tested, is better; longer ones may be.")
+    assert "# No cap below 10 ms" in "\n".join(limit_report.text_lines(limit))
+
+
 def test_it_loses_at_rest_and_saves_what_moves(limit):
     rest, fast = limit.speeds
     assert (rest.speed_px_s, fast.speed_px_s, rest.share) == (0.0, 800.0, 0.5)
@@ -106,7 +134,11 @@ def test_the_screen_has_the_cap_of_each_driver(limit):
 
 def test_too_few_pictures_tell_no_caps_apart(limit):
     few = replace(limit, low=None, high=None)
-    assert limit_report.sentence(few).split(". ")[0].endswith("; 24 pictures are too few to tell caps apart")
+    assert (
+        limit_report.sentence(few)
+        .split(". ")[0]
+        .endswith("; 24 pictures of unequal weight are too few to tell caps apart")
+    )
     wide = replace(limit, from_s=0.001, to_s=0.03)
     assert "; the pictures cannot tell caps from 1 to 30 ms apart." in limit_report.sentence(wide)
 

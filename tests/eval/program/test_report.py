@@ -164,6 +164,16 @@ def with_imx219(program):
     return replace(program, problem=replace(program.problem, inputs=inputs))
 
 
+@pytest.mark.parametrize("most_db", [120.0, 30.0])
+def test_pictures_darker_than_the_mean_have_gain_left(most_db):
+    """The run's pictures were metered one by one, up to the camera's gain; the mean asks for less."""
+    program = optimise(made_problem(ExposureLimits(gain_max_db=most_db), speeds_px_s={0.0: 1.0}))
+    most_db = min(most_db, METERING.camera.sensor.gain_max_db)
+    assert max(program.schedule.gains_db) < most_db - 3
+    last = report.libcamera_mode(program.stages)["gain"][-1]
+    assert 20 * math.log10(last) == pytest.approx(most_db, abs=0.01)
+
+
 def test_gain_that_libcamera_does_not_have_is_said(program):
     """imx219 has 10.67 of its own, times 4 digitally."""
     dark = replace(with_imx219(program), stages=Stages((20e-6, 1e-3), (1.0, 251.0)))

@@ -80,6 +80,10 @@ def test_lamps_flicker_with_drivers_that_do_not_avoid_it():
     """DepthAI keeps whole periods when told; librealsense takes what the light asks for."""
     assert apart(rows_of("depthai", cap_ms=20.0, mains_hz=50.0)) == ""
     assert " ms in place of 10 ms at " in apart(rows_of("realsense", cap_ms=20.0, mains_hz=50.0))
+    # also where its gain ends in the dark, which is further from what was promised
+    said = apart(rows_of("realsense", cap_ms=20.0, darkest_lux=0.1, mains_hz=50.0))
+    assert " stops too dark at 0.1 lux" in said
+    assert " ms in place of 10 ms at " in said
 
 
 def test_drivers_that_reach_the_same_are_named_together():

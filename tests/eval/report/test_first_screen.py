@@ -81,6 +81,36 @@ def test_the_pair_shows_what_the_exposure_does(tmp_path, every, chosen):
     assert [1e3 * each.cell.conditions.exposure_s for each in pair] == pytest.approx(chosen)
 
 
+def test_what_finds_nothing_has_no_exposure_to_use(tmp_path):
+    data = made_run(tmp_path, n_examples=0)
+    nothing = [replace(row, score=row.score._replace(value=0.04)) for row in data.recommendations]
+    (said,) = opening(replace(data, recommendations=nothing)).sentences
+    assert said == "No exposure works, and none can be recommended: the best reaches mean confidence 0.04."
+
+
+def test_a_saturated_exposure_of_a_light_is_said(tmp_path):
+    data = made_run(tmp_path, n_examples=0)
+    bright = [
+        replace(row, saturated_share=0.41 if row.conditions["illuminance_lux"] == 200.0 else 0.0)
+        for row in data.recommendations
+        if row.scope != "all"
+    ]
+    said = opening(replace(data, recommendations=bright)).sentences[0]
+    assert "It saturates 41 % of the picture at 200 lux." in said
+
+
+def test_combinations_are_counted_once(tmp_path):
+    """Two directions of a speed are one entry of the table, and two combinations in all sentences."""
+    data = made_run(tmp_path, n_examples=0)
+    both = [
+        replace(row, n_conditions=2 * row.n_conditions, n_works=0, n_fails=0, verdict="cannot tell")
+        for row in data.recommendations
+    ]
+    shown = opening(replace(data, recommendations=both))
+    assert "of 8 combinations of light, speed and direction" in " ".join(shown.sentences)
+    assert "the verdict on 8 of 8 combinations is open" in dict(shown.notes)["What to do next"]
+
+
 def test_page_has_figure_and_pair_before_what_is_folded(tmp_path):
     data = made_run(tmp_path)
     page = write_report(
