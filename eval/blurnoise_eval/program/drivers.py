@@ -142,7 +142,8 @@ DRIVERS = {
     "libcamera": Driver(
         "libcamera", "0.7.1 of Raspberry Pi", "json", '{"exposure_modes": {"custom": {mode}}}',
         "in rpi.agc, in each channel, of a copy of the sensor's tuning file; --exposure custom, and --flicker-period "
-        "10000us against lamps at 50 Hz; more than 4 times the sensor's own gain takes a max_digital_gain beside it",
+        "10000us against lamps at 50 Hz, 8333us at 60 Hz; more than 4 times the sensor's own gain takes a "
+        "max_digital_gain beside it",
         "raspberrypi/libcamera, src/ipa/rpi/controller/rpi/agc_channel.cpp, AgcExposureMode::read, limitGain",
         most_digital=4.0, avoids_flicker=True,
     ),
