@@ -177,8 +177,7 @@ class _OfModel:
 
     def answer(self, *, brief: bool) -> list[str]:
         """What to use, the most important first. brief: without where it falls short."""
-        most = max(row.score.known for row in self.conditions)
-        if most < LEAST_KNOWN:  # none is better than another
+        if (most := max(row.score.known for row in self.conditions)) < LEAST_KNOWN:
             best = reached_text(f"{most:.2f}", self.data.criterion)
             return [f"No exposure works, and none can be recommended: the best {best}."]
         if self.whole is None:
@@ -199,16 +198,12 @@ class _OfModel:
             every = sorted(row.exposure_s for row in self.lights)
             span = f"{EXPOSURE.text(every[0])} to {EXPOSURE.text(every[-1])} (see the table)"
         by = f"the {self.varied[0]}" if len(self.varied) == 1 else joined(self.varied)
-        works, fails, n = (
-            sum(counts)
-            for counts in zip(
-                *((row.n_works, row.n_fails, row.n_conditions) for row in self.lights), strict=True
-            )
-        )
+        counts = ("n_works", "n_fails", "n_conditions")
+        works, fails, n = (sum(map(attrgetter(count), self.lights)) for count in counts)
         reached = reached_text(f"{self._of_lights():.2f}", self.data.criterion) + self._over(brief=brief)
         of_kinds, settled = self._of_each_kind() * (not brief), self._settled(self.lights)
-        bright = max(self.lights, key=lambda row: row.saturated_share or 0.0)
-        unsure = "" if brief else self._saturates(bright) + self._unsure(self.lights[0])
+        bright = self._saturates(max(self.lights, key=lambda row: row.saturated_share or 0.0))
+        unsure = "" if brief else bright + self._unsure(self.lights[0])
         if not works:
             # Nobody should set what fails; the best of it is still worth knowing.
             start = "No exposure works" if fails == n else "No exposure surely works"
@@ -305,21 +300,20 @@ class _OfModel:
 
     def _bright(self, row: RecommendationRow) -> str:
         """What the exposure saturates, and which one keeps more but saturates too much to be used."""
-        text = self._saturates(row)
         means = (row for row in self.data.averages if row.model == self.model)
         tested = {s: value for each in means for s, value in zip(each.exposures_s, each.values, strict=True)}
         exposure_s, value = max(tested.items(), key=itemgetter(1, 0), default=(0.0, 0.0))
         if value - tested.get(row.exposure_s, value) > NEAR and exposure_s > row.exposure_s:
-            text += f" {EXPOSURE.text(exposure_s)} {keeps(self.data.criterion)} {value:.2f}, but saturates too much."
-        return text
+            keeps_more = f"{EXPOSURE.text(exposure_s)} {keeps(self.data.criterion)} {value:.2f}"
+            return f"{self._saturates(row)} {keeps_more}, but saturates too much."
+        return self._saturates(row)
 
     def _saturates(self, row: RecommendationRow) -> str:
         """How much of the picture an exposure saturates in the brightest of its lights, if that is much."""
-        if row.saturated_share is None or row.saturated_share <= SATURATED:
-            return ""
+        share = row.saturated_share or 0.0
         brightest = row.conditions[LIGHT.name] or max(each.conditions[LIGHT.name] for each in self.lights)
         at = f" at {LIGHT.text(brightest)}" if len(self.lights) > 1 else ""
-        return f" It saturates {100 * row.saturated_share:.0f} % of the picture{at}."
+        return f" It saturates {100 * share:.0f} % of the picture{at}." * (share > SATURATED)
 
     def _weakest(self) -> str:
         """Where the single exposure is worst."""
