@@ -9,82 +9,25 @@ a cliff, as where white saturates, it errs by .1 and more. Answers are of measur
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blurnoise.camera import Camera
 from blurnoise_eval.answers.plane import DIGITS
 from blurnoise_eval.answers.recommendation import (
     Averages,
-    Setting,
-    Velocity,
     best_exposure,
     without_saturated,
 )
 from blurnoise_eval.answers.settling import SETTLED
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.plan.axes import EGO, EXPOSURE, SETTING
+from blurnoise_eval.run.grid_cells import Array, Cells, Flags, Places
 from blurnoise_eval.run.surface import Kriging, Trend, correlation
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Places = NDArray[np.int64]
 Cell = tuple[int, int]
-
-
-@dataclass(frozen=True, eq=False)
-class Cells:
-    """The cells that a search chooses from.
-
-    settings, velocities_px_s: of the N lines. exposures_s: E, rising. of_grid: (E,) the exposures of the grid; those
-    between them are for all conditions together. places: (N, E, D) for surfaces, in stops: light, motion, and what
-    comes beside them. monotone: whether more motion can only hurt.
-    """
-
-    settings: tuple[Setting, ...]
-    velocities_px_s: tuple[Velocity, ...]
-    exposures_s: tuple[float, ...]
-    of_grid: Flags
-    places: Array
-    monotone: bool = True
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(N, E)."""
-        return len(self.settings), len(self.exposures_s)
-
-    @cached_property
-    def slower(self) -> Flags:
-        """(N, N), where line m moves as line n does, only slower, or rests; none where motion may also help."""
-        both = list(zip(self.settings, self.velocities_px_s, strict=True))
-        flags = [[self.monotone and a == b and _slower(v, w) for b, w in both] for a, v in both]
-        return np.array(flags, bool)
-
-    @cached_property
-    def lights(self) -> Places:
-        """(N,) a number for each light, and whatever else but the speed."""
-        others = [place for place, name in enumerate(SETTING) if name != EGO.name]
-        of = [tuple(setting[place] for place in others) for setting in self.settings]
-        numbers = {each: number for number, each in enumerate(dict.fromkeys(of))}
-        return np.array([numbers[each] for each in of], np.int64)
-
-    def lines(self, settings: Sequence[Setting], velocities: Sequence[Velocity]) -> Places:
-        """The numbers of the lines of these settings and velocities, (K,) each."""
-        numbers = {key: n for n, key in enumerate(zip(self.settings, self.velocities_px_s, strict=True))}
-        return np.array([numbers[key] for key in zip(settings, velocities, strict=True)], np.int64)
-
-    def measured(self, tables: Iterable[ScoreTable]) -> Flags:
-        """(N, E), what any of the tables has."""
-        flags = np.zeros(self.shape, bool)
-        for table in tables:
-            columns = np.searchsorted(self.exposures_s, table.conditions[EXPOSURE.name])
-            flags[self.lines(table.settings, table.velocities_px_s), columns] = True
-        return flags
 
 
 class Promise(NamedTuple):
@@ -227,7 +170,17 @@ def _greatest(promises: Iterable[Promise | None]) -> Promise | None:
     return max((each for each in promises if each), key=lambda promise: promise.gain, default=None)
 
 
-def _slower(one: Velocity, other: Velocity) -> bool:
-    """Whether the other velocity is one's, only slower, or rest."""
-    (x, y), (u, v) = one, other
-    return math.hypot(u, v) < math.hypot(x, y) and math.isclose(x * v, y * u) and x * u + y * v >= 0
+def outlooks(
+    cells: Cells, camera: Camera, averages: Iterable[Averages], tables: Sequence[ScoreTable]
+) -> list[Outlook]:
+    """Of each model, by its averages over the tables of what was measured of the cells."""
+    trend = Trend.of(camera)
+    return [
+        Outlook(of, cells, _ceiling([table for table in tables if table.model == of.model]), trend)
+        for of in averages
+    ]
+
+
+def _ceiling(tables: Sequence[ScoreTable]) -> float:
+    """The mean score on the original pictures, in the criterion's unit: what simulated ones hardly surpass."""
+    return float(np.mean([1.0 if table.kept or table.clean is None else table.clean for table in tables]))
