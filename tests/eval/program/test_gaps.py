@@ -1,9 +1,12 @@
 """Intervals in gaps between lights and exposures that are wider than what was held back, of made-up scores."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from blurnoise_eval.datasets.coco_labels import coco
+from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.program.by_speed import BySpeed
 from blurnoise_eval.program.grounds import unmeasured
 from blurnoise_eval.program.held_back import spread_around
@@ -11,11 +14,13 @@ from blurnoise_eval.program.limit import best_limit
 from blurnoise_eval.program.optimise import optimise
 from blurnoise_eval.program.problem import Problem
 from blurnoise_eval.program.scenario import Scenario, half_stops
+from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.run.surface import Trend
 from blurnoise_eval.scoring.uncertainty import ratio_of_sums
 from made_planes import made_problem
 from made_tables import table
 
+REAL = Path(__file__).parents[4] / "shared" / "real"
 TIMES_S = 0.001 * 2.0 ** np.arange(-2.0, 6.0)
 FEW = "fewer than 19 scores could be held back over so wide a gap"
 
@@ -164,3 +169,44 @@ def test_of_made_up_scores_95_percent_lie_within_the_interval(even):
             lights, times_s = (np.exp(generator.uniform(*end, 30)) for end in ends)
             inside += within(known, scores, times_s, lights, speed).tolist()
     assert np.mean(inside) >= 0.94
+
+
+def halves(table):
+    """A table at every other exposure and light, and what of the rest lies between these."""
+    times_s, lights = (np.unique(table.conditions[name]) for name in ("exposure_s", "illuminance_lux"))
+    at_time = np.isin(table.conditions["exposure_s"], times_s[::2])
+    kept = at_time & np.isin(table.conditions["illuminance_lux"], lights[::2])
+    return table.take(kept), table.take(~kept & (table.conditions["exposure_s"] <= times_s[::2].max()))
+
+
+def covered(table, trend):
+    """Which of the scores that are held back lie within the interval, but for what three decimals do not show."""
+    known, unseen = halves(table)
+    surfaces = BySpeed.of(known, trend)
+    for speed in np.unique(unseen.speeds_px_s):
+        here = unseen.take(unseen.speeds_px_s == speed)
+        places = surfaces.places(here.conditions["exposure_s"], here.conditions["illuminance_lux"], speed)
+        sigma = np.sqrt(np.diag(surfaces.covariance(speed, places)))
+        error = ratio_of_sums(*surfaces.surface(speed).on(places)) - here.mean
+        yield from (np.abs(error) <= 1.96 * sigma + 1e-3).tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (REAL / "models").is_dir(), reason="the shared photographs are absent")
+@pytest.mark.parametrize("camera", ["imx477", "imx219", "ar0132c"])
+def test_of_photographs_nine_in_ten_lie_within_the_interval(camera, tmp_path):
+    """16 photographs, two real detectors, rolling shutters; exposures half a stop and lights 1.7 stops apart."""
+    conditions = {
+        "exposure_ms": [float(f"{0.25 * 2 ** (k / 2):.4g}") for k in range(15)],
+        "lux": [1, 3.16, 10, 31.6, 100, 316, 1000],
+        "dx": [0, 600],
+    }
+    models = [REAL / "models" / f"{name}.onnx" for name in ("yolox_nano", "fastestdet_upstream")]
+    every, plan = coco(REAL / "photos" / "instances.json"), SweepPlan.of(conditions)
+    photographs = replace(every, pictures=every.pictures[:16])
+    run = evaluate(models, photographs, camera, plan, output=tmp_path / "run", strategy="grid")
+    for model in run.setup.models:
+        tables = [table for table in run.tables_with_answers() if table.model == model]
+        inside = [each for table in tables for each in covered(table, Trend.of(run.camera))]
+        print(f"{camera}, {model}: {np.mean(inside):.3f} of {len(inside)}")
+        assert np.mean(inside) >= 0.9
