@@ -14,16 +14,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise_eval.answers.choosing import best_exposure, best_exposures, without_saturated
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import ScoreCurve
 from blurnoise_eval.answers.limits import DARK, TestedLine, WindowLimits, of_best, of_window
 from blurnoise_eval.answers.monotone import is_faster, is_uniform, nested, pooled
-from blurnoise_eval.answers.recommendation import (
-    best_exposure,
-    best_exposures,
-    corrected,
-    without_saturated,
-)
+from blurnoise_eval.answers.recommendation import corrected
 from blurnoise_eval.answers.rows import AnswerRow, chosen_window
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.plan.axes import SETTING

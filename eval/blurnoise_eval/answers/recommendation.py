@@ -3,7 +3,8 @@
 It has the highest score on average over the conditions (lights, speeds, target groups), all weighted alike. An
 exposure that saturates more than a tenth of the picture on average is not recommended while another one works. Of
 exposures whose scores differ by less than ``NEAR`` the middle one is taken (in log exposure), so that a finer grid
-does not move the answer along a plateau.
+does not move the answer along a plateau. Exposures between those of the grid are used where they score more than
+``FINER`` above these: else what a refinement or a search happens to test would move the answer.
 
 Which exposure to use and how good the model is with it are two verdicts: an exposure may be *settled*
 (:class:`~.settling.Settled`) by few pictures, long before these tell whether it works.
@@ -15,16 +16,17 @@ a setting and a velocity; E exposures, increasing; C clusters of pictures. NaN: 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from blurnoise_eval.answers.choosing import NEAR, best_of_grid, without_saturated
 from blurnoise_eval.answers.rows import AverageCurve, RecommendationRow
-from blurnoise_eval.answers.settling import Rivals, Settled, settled
+from blurnoise_eval.answers.settling import AsGood, Rivals, Settled, alike, settled
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.plan.axes import EGO, EGO_SPEED, GAIN, SETTING
 from blurnoise_eval.scoring import uncertainty
@@ -36,12 +38,6 @@ Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 Setting = tuple[float, ...]
 Velocity = tuple[float, float]
-NEAR = 0.005
-"""Exposures whose values differ by less are equally good."""
-SATURATED = 0.1
-"""A share of saturated values above this speaks against an exposure while another one works."""
-AS_SATURATED = 0.05
-"""Where all that work saturate more, shares this close to the least are equally good."""
 CLOSE = 0.2
 """Stops from a tested exposure, closer than which no further one is tested."""
 WIDE, THIRD = 0.5, 1 / 3
@@ -51,62 +47,6 @@ MOST_COMMON = 4
 SURE, FAILS, CANNOT_TELL = "works", "fails", "cannot tell"
 _ROUNDED = 0.02  # stops: exposures are rounded to three digits
 _GAIN, _EGO = SETTING.index(GAIN.name), SETTING.index(EGO.name)
-
-
-def best_exposures(exposures_s: ArrayLike, values: ArrayLike) -> Places:
-    """Places (...) of the exposures that keep most; of those within ``NEAR`` of the best, the middle in log exposure.
-
-    Only exposures next to the best one, without a worse one between, count as near. values: (..., E), none NaN.
-
-    >>> best_exposures([0.001, 0.002, 0.004, 0.008], [0.5, 0.9, 0.9, 0.9])  # the middle of the plateau
-    array(2)
-    """
-    value, at = np.asarray(values, float), np.asarray(exposures_s, float)
-    best = value.argmax(axis=-1, keepdims=True)
-    if not (np.isfinite(at).all() and (at > 0).all()):
-        return np.asarray(best[..., 0])
-    worse, place = value < value.max(axis=-1, keepdims=True) - NEAR, np.arange(len(at))
-    first = np.where(worse & (place < best), place + 1, 0).max(axis=-1, keepdims=True)
-    last = np.where(worse & (place > best), place - 1, len(at) - 1).min(axis=-1, keepdims=True)
-    # In log exposure, as exposures are tested: the middle is as many stops from either end of the plateau.
-    x = np.log(at)
-    away = np.abs(x - (x[first] + x[last]) / 2).round(9)
-    away = np.where((first <= place) & (place <= last), away, np.inf)
-    nearest = away == away.min(axis=-1, keepdims=True)
-    return np.asarray(np.where(nearest, value, -np.inf).argmax(axis=-1))
-
-
-def best_exposure(exposures_s: Sequence[float], values: ArrayLike) -> int | None:
-    """The place of :func:`best_exposures` among those that were tested; values: (E,), NaN where not tested.
-
-    None where nothing was tested.
-
-    >>> best_exposure([0.001, 0.002, 0.004], [0.5, np.nan, 0.9])
-    2
-    """
-    value = np.asarray(values, float)
-    tested = np.flatnonzero(np.isfinite(value))
-    if not len(tested):
-        return None
-    return int(tested[best_exposures(np.asarray(exposures_s)[tested], value[tested])])
-
-
-def without_saturated(values: ArrayLike, saturated: ArrayLike, level: float) -> Array:
-    """Values (..., E) with 0 where more than a tenth of the picture is saturated while another exposure works.
-
-    Where all that work saturate more than a tenth, 0 for those that saturate clearly more than the least of them.
-    saturated: (..., E) share of saturated values, NaN where it is not known. level: the value from which an exposure
-    works.
-
-    >>> without_saturated([0.8, 0.9, 0.95], [0.0, 0.05, 0.2], level=0.7).tolist()
-    [0.8, 0.9, 0.0]
-    """
-    value, share = np.asarray(values, float), np.nan_to_num(np.asarray(saturated, float))
-    least = np.where(value >= level, share, np.inf).min(axis=-1, keepdims=True)
-    # Bright scenes may saturate at every exposure that works: then the least of them is the yardstick.
-    limit = np.maximum(SATURATED, least + AS_SATURATED)
-    limit = np.where(least <= SATURATED, SATURATED, limit)
-    return np.asarray(np.where((share > limit) & np.isfinite(value), 0.0, value))
 
 
 def corrected(score: WithInterval, bias: float) -> WithInterval:
@@ -134,9 +74,9 @@ class Choice:
 
     conditions: their indices, (N,); bias: (N,) by how much its values there are too high, as it was chosen for them.
     gain_db: where it is one for all. score: the mean over them, less the bias. verdict: "works", "fails", "cannot
-    tell". n_pictures: clusters. settled: whether the pictures decide for it. regret: how much more the best exposure
-    of each condition would keep. saturated_share: the largest, None where unknown. n_works, n_fails: in how many the
-    level is surely reached, surely missed.
+    tell". n_pictures: clusters. settled: whether the pictures decide for it. alike: what is as good.
+    regret: how much more the best exposure of each condition would keep. saturated_share: the largest, None where
+    unknown. n_works, n_fails: in how many the level is surely reached, surely missed.
     """
 
     conditions: Places
@@ -147,6 +87,7 @@ class Choice:
     verdict: str
     n_pictures: int
     settled: Settled
+    alike: AsGood
     regret: float
     saturated_share: float | None
     n_works: int
@@ -159,7 +100,10 @@ class Averages:
 
     settings: (N) as ``SETTING`` names their values. velocities_px_s: (N) x and y. value, saturated, sigma: (N, E);
     sigma: the standard error of a prediction. influence: (C, N, E) of clusters; effective: (N, E) the number of
-    pictures of equal weight. most: (N,) greatest possible values. monotone: whether more speed can only hurt.
+    pictures of equal weight. most: (N,) greatest possible values. of_grid: (E,) exposures that are not
+    between those of the grid. monotone: whether more speed can only hurt. untested_gain: of a search, from some
+    conditions and an exposure to what another may gain at most over it that was not tested there; None where all
+    were.
     """
 
     model: str
@@ -173,7 +117,9 @@ class Averages:
     sigma: Array
     most: Array
     saturated: Array
+    of_grid: NDArray[np.bool_]
     monotone: bool = True
+    untested_gain: Callable[[Sequence[Setting], Sequence[Velocity], float], float | None] | None = None
 
     @property
     def speeds(self) -> list[float]:
@@ -189,14 +135,16 @@ class Averages:
         high end stays, as the bias is itself uncertain. The interval takes errors of prediction as if they were all
         alike.
         """
-        every, mean, share = self.line(range(len(self.settings)) if conditions is None else conditions)
+        places = list(range(len(self.settings)) if conditions is None else conditions)
+        every, mean, share = self.line(places)
         tested = np.flatnonzero(np.isfinite(mean))
         if not len(tested):
             return None
         members, exposures = every[:, tested], np.array(self.exposures_s)[tested]
 
         def best(values: Array) -> Places:
-            return best_exposures(exposures, without_saturated(values, share[tested], self.level))
+            counted = without_saturated(values, share[tested], self.level)
+            return best_of_grid(exposures, counted, self.of_grid[tested])
 
         place = int(best(mean[tested]))
         e, chosen = tested[place], members[:, place]
@@ -215,6 +163,11 @@ class Averages:
         )
         better = without_saturated(self.value[chosen], self.saturated[chosen], self.level)
         gains = {self.settings[index][_GAIN] for index in chosen}
+        rivals = self._rivals(every, mean, share, int(e))
+        if self.untested_gain is not None:
+            at = [self.settings[n] for n in places], [self.velocities_px_s[n] for n in places]
+            untested = self.untested_gain(*at, self.exposures_s[e])
+            rivals = rivals._replace(untested_gain=untested)
         return Choice(
             conditions=chosen,
             bias=bias,
@@ -223,7 +176,13 @@ class Averages:
             score=score,
             verdict=self._verdict(score.low, score.high),
             n_pictures=int(np.isfinite(own).any(axis=1).sum()),
-            settled=settled(self._rivals(every, mean, share, int(e))),
+            settled=settled(rivals),
+            alike=alike(
+                np.array(self.exposures_s),
+                without_saturated(mean, share, self.level),
+                self.of_grid,
+                int(e),
+            ),
             regret=float(np.maximum(np.nanmax(better, axis=1) - value, 0.0).mean()),
             saturated_share=finite(float(np.fmax.reduce(saturated))),
             n_works=verdicts.count(SURE),
@@ -333,9 +292,12 @@ class Averages:
         return SURE if low >= self.level else FAILS if high < self.level else CANNOT_TELL
 
 
-def averages(tables: Sequence[ScoreTable], level: float, *, monotone: bool = False) -> Averages:
-    """The averages of one model's tables, all target groups weighted alike. monotone: whether these are pooled
-    over speeds (:mod:`.monotone`), so that no verdict is better at a higher speed.
+def averages(
+    tables: Sequence[ScoreTable], level: float, *, grid_s: Sequence[float] = (), monotone: bool = False
+) -> Averages:
+    """The averages of one model's tables, all target groups weighted alike. grid_s: the exposures of the grid, none
+    where all count alike. monotone: whether the tables are pooled over speeds (:mod:`.monotone`), so that no verdict
+    is better at a higher speed.
 
     An exposure counts in a condition where every group was measured that is measured there at all.
     """
@@ -369,7 +331,8 @@ def averages(tables: Sequence[ScoreTable], level: float, *, monotone: bool = Fal
     return Averages(
         tables[0].model, level, settings, velocities, tuple(exposures.tolist()),
         means[0], together, uncertainty.effective(sizes), means[1], greatest,
-        ratio_of_sums(np.nan_to_num(share), np.isfinite(share)), monotone,
+        ratio_of_sums(np.nan_to_num(share), np.isfinite(share)),
+        np.isin(exposures, grid_s) if grid_s else np.ones(len(exposures), bool), monotone,
     )  # fmt: skip
 
 
@@ -404,6 +367,8 @@ def recommendations(of: Averages) -> list[RecommendationRow]:
             rival_s=choice.settled.rival_s,
             rival_gain_95=choice.settled.gain_95,
             pictures_to_settle=choice.settled.pictures,
+            untested_gain=choice.settled.untested_gain,
+            **{f"alike_{name}": value for name, value in choice.alike._asdict().items()},
             regret=choice.regret,
             saturated_share=choice.saturated_share,
             n_works=choice.n_works,

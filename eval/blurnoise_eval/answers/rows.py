@@ -137,13 +137,22 @@ class RecommendationRow(Row):
     n_pictures: Annotated[int, "clusters of pictures"]
     settled: Annotated[
         bool | None,
-        "whether every other tested exposure surely loses, or gains at most 0.03; unknown from fewer than 8 pictures",
+        "whether every other exposure surely loses, or gains at most 0.03; unknown from fewer than 8 pictures",
     ]
     rival_s: Annotated[float | None, "the other tested exposure that may gain most"]
     rival_gain_95: Annotated[float | None, "what that gains at most, at 95 %"]
     pictures_to_settle: Annotated[
         int | None, "where it is not settled, pictures that settle half of such cases"
     ]
+    untested_gain: Annotated[
+        float | None, "after decide, what an exposure may gain that was not tested; none where all were"
+    ]
+    alike_from_s: Annotated[float, "the shortest of the tested exposures that score at most 0.03 less"]
+    alike_to_s: Annotated[float, "the longest of these"]
+    alike_from_open: Annotated[
+        bool, "whether the next shorter one of the grid was not tested, or there is none"
+    ]
+    alike_to_open: Annotated[bool, "the same of the next longer one"]
     regret: Annotated[float, "how much more the best exposure of each condition would score on average"]
     saturated_share: Annotated[float | None, "the largest saturated share among the conditions"]
     n_works: Annotated[int, "conditions in which the exposure surely works"]

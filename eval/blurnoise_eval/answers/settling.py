@@ -30,6 +30,7 @@ class Rivals(NamedTuple):
 
     exposures_s: (S,). gain: (S,) their mean less that of the chosen one. influence: (n, S) of clusters on the gain.
     sigma: (S,) its standard error beside that, of predictions. effective: how many clusters of one size there are.
+    untested_gain: what one more exposure may gain that was not tested, by a search; None where all were.
     """
 
     exposures_s: Array
@@ -37,6 +38,19 @@ class Rivals(NamedTuple):
     influence: Array
     sigma: Array
     effective: float
+    untested_gain: float | None = None
+
+
+class AsGood(NamedTuple):
+    """The tested exposures, s, about the chosen one that score at most ``SETTLED`` less, without a worse one between.
+
+    from_open, to_open: whether the next shorter, the next longer one of the grid was not tested, or there is none.
+    """
+
+    from_s: float
+    to_s: float
+    from_open: bool
+    to_open: bool
 
 
 class Settled(NamedTuple):
@@ -44,13 +58,15 @@ class Settled(NamedTuple):
 
     sure: None where it is not known: from fewer than ``FEWEST`` clusters, or without a rival. rival_s: the rival that
     may gain most, and gain_95 what that is, at 95 %; below 0 where every rival surely loses. pictures: where the
-    exposure is not settled, how many pictures settle half of such cases; None above 9999.
+    exposure is not settled, how many pictures settle half of such cases; None above 9999. untested_gain: what an
+    exposure may gain that was not tested, by a search; None where all were.
     """
 
     sure: bool | None = None
     rival_s: float | None = None
     gain_95: float | None = None
     pictures: int | None = None
+    untested_gain: float | None = None
 
 
 def settled(rivals: Rivals) -> Settled:
@@ -69,8 +85,13 @@ def settled(rivals: Rivals) -> Settled:
     >>> alike.sure, round(alike.gain_95, 3), alike.pictures  # one may be better than the other by more than 0.03
     (False, 0.04, 35)
     """
-    if rivals.effective < uncertainty.FEWEST or not len(rivals.gain):
+    untested = rivals.untested_gain
+    # A search bounds what it has not tested, in these pictures; without a bound only a tested rival tells.
+    bounded = untested is not None and untested <= SETTLED
+    if rivals.effective < uncertainty.FEWEST:
         return Settled()
+    if not len(rivals.gain):
+        return Settled(sure=bounded or None, untested_gain=untested)
     high = uncertainty.of_difference(rivals.gain, rivals.influence, _ONE_SIDED).high
     # What clusters differ by and what a prediction misses are independent: their squares add.
     most = rivals.gain + np.hypot(high - rivals.gain, _NORMAL * rivals.sigma)
@@ -78,8 +99,9 @@ def settled(rivals: Rivals) -> Settled:
         return Settled()
     place = int(np.nanargmax(most))
     at, gain_95 = float(rivals.exposures_s[place]), float(most[place])
-    sure = gain_95 <= SETTLED
-    return Settled(sure, at, gain_95, None if sure else _pictures(rivals, most))
+    if gain_95 > SETTLED:
+        return Settled(False, at, gain_95, _pictures(rivals, most), untested)
+    return Settled(bounded or untested is None or None, at, gain_95, None, untested)
 
 
 def _pictures(rivals: Rivals, most: Array) -> int | None:
@@ -91,3 +113,25 @@ def _pictures(rivals: Rivals, most: Array) -> int | None:
     n = int(np.isfinite(rivals.influence).any(axis=1).sum())
     needed = n * float(np.nanmax((most - rivals.gain) / spare)) ** 2
     return None if needed > _MOST_PICTURES else max(math.ceil(needed), n + 1)
+
+
+def alike(exposures_s: Array, values: Array, of_grid: NDArray[np.bool_], chosen: int) -> AsGood:
+    """Of exposures (E,). values: (E,), NaN where not tested, 0 where they saturate too much. of_grid: (E,).
+
+    >>> at, every = np.array([0.001, 0.002, 0.004, 0.008]), np.ones(4, bool)
+    >>> alike(at, np.array([0.5, 0.9, 0.88, np.nan]), every, 1)
+    AsGood(from_s=0.002, to_s=0.004, from_open=False, to_open=True)
+    """
+    tested, place = np.isfinite(values), np.arange(len(values))
+    worse = values < values[chosen] - SETTLED
+    below = int(place[worse & (place < chosen)].max(initial=-1))
+    above = int(place[worse & (place > chosen)].min(initial=len(values)))
+    alike_ones = [n for n in range(below + 1, above) if tested[n]]
+    first, last = alike_ones[0], alike_ones[-1]
+    unknown = of_grid & ~tested
+    return AsGood(
+        float(exposures_s[first]),
+        float(exposures_s[last]),
+        from_open=below < 0 or bool(unknown[below:first].any()),
+        to_open=above == len(values) or bool(unknown[last:above].any()),
+    )

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from blurnoise_eval.answers.choosing import best_exposure, without_saturated
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import windows
-from blurnoise_eval.answers.recommendation import best_exposure, without_saturated
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import ModelOutput
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.answers.recommendation import best_exposure
+from blurnoise_eval.answers.choosing import best_exposure
 from blurnoise_eval.plan.axes import milliseconds
 from blurnoise_eval.program.problem import Problem, Schedule
 from blurnoise_eval.program.scenario import STEPS_PER_STOP, ExposureLimits

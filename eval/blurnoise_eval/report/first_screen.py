@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
-from blurnoise_eval.answers.recommendation import SATURATED
+from blurnoise_eval.answers.choosing import SATURATED
 from blurnoise_eval.answers.rows import AnswerRow
 from blurnoise_eval.plan.axes import EXPOSURE
 from blurnoise_eval.plots.style import line_colours, spread

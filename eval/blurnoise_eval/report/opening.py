@@ -12,8 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter, itemgetter
 
+from blurnoise_eval.answers.choosing import FINER, NEAR, SATURATED
 from blurnoise_eval.answers.exposure_window import WORKS
-from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATURATED, SURE
+from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, SURE
 from blurnoise_eval.answers.rows import AnswerRow, RecommendationRow
 from blurnoise_eval.answers.table import LEAST_KNOWN
 from blurnoise_eval.plan.axes import EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
@@ -22,7 +23,7 @@ from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.lights import lights_of_run
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
-from blurnoise_eval.report.settled import settled_legend, settled_text, use_text
+from blurnoise_eval.report.settled import alike_text, all_alike, settled_legend, settled_text, use_text
 from blurnoise_eval.report.words import counted, joined, keeps, limit_text, plural, reached_text, value_text
 from blurnoise_eval.scoring.uncertainty import FEWEST
 
@@ -246,7 +247,7 @@ class _OfModel:
         def at(row: RecommendationRow) -> str:
             return f" at {self._light_text(row.conditions[LIGHT.name])}" if len(rows) > 1 else ""
 
-        return settled_text(rows, at, self._pictures)
+        return settled_text(rows, at, self._pictures) + all_alike(rows, at)
 
     def _instead(self, row: RecommendationRow) -> str:
         """A single exposure, where one for each light is much better."""
@@ -303,7 +304,7 @@ class _OfModel:
         means = (row for row in self.data.averages if row.model == self.model)
         tested = {s: value for each in means for s, value in zip(each.exposures_s, each.values, strict=True)}
         exposure_s, value = max(tested.items(), key=itemgetter(1, 0), default=(0.0, 0.0))
-        if value - tested.get(row.exposure_s, value) > NEAR and exposure_s > row.exposure_s:
+        if value - tested.get(row.exposure_s, value) > NEAR + FINER and exposure_s > row.exposure_s:
             keeps_more = f"{EXPOSURE.text(exposure_s)} {keeps(self.data.criterion)} {value:.2f}"
             return f"{self._saturates(row)} {keeps_more}, but saturates too much."
         return self._saturates(row)
@@ -357,7 +358,8 @@ class _OfModel:
         if row.conditions[GAIN.name] is not None and GAIN in self.data.settings.axes:
             use += f", {GAIN.text(row.conditions[GAIN.name]).removeprefix('gain ')}"
         interval = "" if low is None or high is None else f"{low:.2f}–{high:.2f}"
-        return MARKS[verdict], f"{use}\n{row.score.known:.2f} {MARKS[verdict]}", [interval]
+        as_good = [f"{text} alike" for text in [alike_text(row)] if text]
+        return MARKS[verdict], f"{use}\n{row.score.known:.2f} {MARKS[verdict]}", [interval, *as_good]
 
     def limits(self) -> str:
         """What limits the conditions in which no exposure works, the most frequent first; else what ends the

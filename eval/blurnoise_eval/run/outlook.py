@@ -16,12 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from blurnoise.camera import Camera
+from blurnoise_eval.answers.choosing import best_exposure, without_saturated
 from blurnoise_eval.answers.plane import DIGITS
-from blurnoise_eval.answers.recommendation import (
-    Averages,
-    best_exposure,
-    without_saturated,
-)
+from blurnoise_eval.answers.recommendation import Averages, Setting, Velocity
 from blurnoise_eval.answers.settling import SETTLED
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.run.grid_cells import Array, Cells, Flags, Places
@@ -68,6 +65,7 @@ class Outlook:
             settings=cells.settings,
             velocities_px_s=cells.velocities_px_s,
             exposures_s=cells.exposures_s,
+            of_grid=cells.of_grid,
         )
         self._places, self._lengths = flat, surface.lengths
         self._upper = self._bounds()
@@ -81,6 +79,18 @@ class Outlook:
             if index not in self._promises:
                 self._promises[index] = self._promise(members)
         return _greatest(self._promises.values())
+
+    def untested_gain(
+        self, settings: Sequence[Setting], velocities_px_s: Sequence[Velocity], exposure_s: float
+    ) -> float | None:
+        """What an exposure that was not measured may gain at most over one that was; None where all were. Means over
+        the conditions of these settings and velocities, (N,)."""
+        members = self._cells.lines(settings, velocities_px_s)
+        place = self._cells.exposures_s.index(exposure_s)
+        _, value, _ = self._line(self._mean, self._saturated, members)
+        _, may, measured = self._line(self._upper, self._least_saturated, members)
+        untested = self._allowed(members, measured) & ~measured
+        return float(may[untested].max() - value[place]) if untested.any() else None
 
     def suppose(self, cell: Cell) -> None:
         """Take a cell for measured, as the surface has it."""
@@ -96,8 +106,7 @@ class Outlook:
         """The unmeasured exposure that may gain most over the one that seems best; where none may gain more than
         ``SETTLED``, the one that seems best, unless it is measured."""
         at, value, known = self._line(self._mean, self._saturated, members)
-        # One exposure for everything may lie between those of the grid, too.
-        allowed = self._cells.of_grid | known | (len(members) == len(self._mean))
+        allowed = self._allowed(members, known)
         value = np.where(allowed, value, -np.inf)
         best = (
             best_exposure(self._of.exposures_s, np.where(np.isfinite(value), value + SETTLED * known, np.nan))
@@ -116,6 +125,10 @@ class Outlook:
         doubt = (self._sigma + self._saturated - self._least_saturated)[:, e].round(DIGITS)
         unknown = [n for n in others[:, e].tolist() if not self._known[n, e]]
         return Promise(gain, (max(unknown, key=doubt.__getitem__), e))
+
+    def _allowed(self, members: Places, known: Flags) -> Flags:
+        """(E,), the exposures that may be used: one for everything may lie between those of the grid, too."""
+        return np.asarray(self._cells.of_grid | known | (len(members) == len(self._mean)))
 
     def _line(self, value: Array, saturated: Array, members: Places) -> tuple[Places, Array, Flags]:
         """As :meth:`Averages.line`, and at which exposures all of it is measured, (E,)."""

@@ -198,6 +198,7 @@ def run_averages(
         averages(
             [pooled(part) if setup.monotone and is_uniform(part) else part for part in parts],
             criterion.level,
+            grid_s=setup.grid_exposures_s,
             monotone=setup.monotone and all(map(is_uniform, parts)),
         )
         for parts in of_model.values()

@@ -20,6 +20,8 @@ from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
 from blurnoise_eval.run.light_lines import light_lines
+from blurnoise_eval.run.grid_cells import Cells
+from blurnoise_eval.run.outlook import outlooks
 from blurnoise_eval.run.score_tables import (
     dark_below,
     models_withheld,
@@ -75,6 +77,13 @@ def tables_of(
             of_grid = table.take(np.isin(exposures, grid_s)) if grid_s else table
             curve_rows += endurances_across(of_grid, criterion)
     averages = run_averages(store, setup, criterion, known)
+    if setup.searched and not setup.predicted:
+        cells = Cells.of(setup.plan, setup.camera, known)
+        of_models = outlooks(cells, setup.camera, averages, known)
+        averages = [
+            replace(of, untested_gain=outlook.untested_gain)
+            for of, outlook in zip(averages, of_models, strict=True)
+        ]
     withheld = [
         {name: getattr(table, name) for name in ("model", "group", "n_targets", "reference", "clean")}
         for table in tables

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from blurnoise_eval.answers.choosing import NEAR
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import windows
 from blurnoise_eval.answers.exposure_window import answers, recommended
 from blurnoise_eval.answers.limits import TestedLine, of_best, of_window
-from blurnoise_eval.answers.recommendation import NEAR
 from hypothesis import given
 from hypothesis import strategies as st
 from made_tables import curve, table

@@ -1,5 +1,7 @@
 """The one rule of recommendation against values worked out by hand, and against a search by brute force."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, SURE, averages, recommendations
@@ -135,3 +137,82 @@ def test_an_exposure_that_saturates_is_no_rival():
     own = {"saturated": np.array([[0.0], [0.9]])}
     (row, *_) = recommendations(averages([paired(0.70, 0.95, 0.01, **own)], 0.6))
     assert (row.exposure_s, row.settled, row.rival_s) == (0.001, None, None)
+
+
+@pytest.mark.parametrize(("untested", "settled"), [(None, True), (0.02, True), (0.04, None)])
+def test_what_a_search_did_not_test_must_not_promise_more(untested, settled):
+    of = averages([paired(0.70, 0.60, 0.05)], 0.7)
+    (row, *_) = recommendations(replace(of, untested_gain=lambda *about: untested))
+    assert (row.settled, row.untested_gain, row.rival_s) == (settled, untested, 0.002)
+
+
+def test_the_search_alone_settles_an_exposure_without_a_tested_rival():
+    """The other one was tested by none of these pictures at this light."""
+    alone = kept_table({0.0: {0.001: 0.9}})
+    for untested, settled in ((0.02, True), (0.04, None)):
+        of = replace(averages([alone], 0.7), untested_gain=lambda *about, gain=untested: gain)
+        assert recommendations(of)[0].settled is settled
+    few = replace(
+        averages([kept_table({0.0: {0.001: 0.9}}, pictures=7)], 0.7), untested_gain=lambda *about: 0.0
+    )
+    assert recommendations(few)[0].settled is None
+
+
+def test_a_search_is_asked_for_the_conditions_and_the_exposure_of_each_row():
+    asked = []
+    of = averages([kept_table({0.0: {0.001: 0.9}}, lux) for lux in (10.0, 100.0)], 0.7)
+    recommendations(replace(of, untested_gain=lambda *about: asked.append(about)))
+    lights = [sorted(each[0] for each in settings) for settings, _, _ in asked]
+    whole, *_ = lights
+    assert len(whole) == 2
+    assert sorted(map(len, lights)) == [1, 1, 1, 1, 2, 2]
+    assert {exposure_s for _, _, exposure_s in asked} == {0.001}
+
+
+@pytest.mark.parametrize(("between", "chosen"), [(0.909, 0.001), (0.911, 0.002)])
+def test_an_exposure_between_those_of_the_grid_must_score_clearly_more(between, chosen):
+    lines = [kept_table({0.0: {0.001: 0.90, 0.002: between, 0.004: 0.8}})]
+    (row, *_) = recommendations(averages(lines, 0.7, grid_s=(0.001, 0.004)))
+    assert row.exposure_s == chosen
+    (alike, *_) = recommendations(averages(lines, 0.7))
+    assert alike.exposure_s == 0.002
+
+
+def test_the_middle_of_a_plateau_of_the_grid_is_not_moved_by_one_between():
+    values = {0.001: 0.90, 0.0015: 0.892, 0.002: 0.90, 0.003: 0.891, 0.004: 0.90, 0.008: 0.5}
+    (row, *_) = recommendations(
+        averages([kept_table({0.0: values})], 0.7, grid_s=(0.001, 0.002, 0.004, 0.008))
+    )
+    assert row.exposure_s == 0.002
+
+
+@pytest.mark.parametrize(
+    ("values", "alike"),
+    [
+        ((0.80, 0.90, 0.95, 0.93, 0.91), (0.003, 0.004, False, False)),
+        ((0.93, 0.94, 0.95, 0.93, 0.93), (0.001, 0.005, True, True)),
+        ((0.93, 0.80, 0.95, 0.80, 0.93), (0.003, 0.003, False, False)),  # a worse one between
+        ((0.80, 0.925, 0.95, 0.0, 0.0), (0.002, 0.003, False, False)),
+    ],
+)
+def test_what_scores_alike_lies_next_to_the_chosen_exposure(values, alike):
+    line = kept_table({0.0: dict(zip((0.001, 0.002, 0.003, 0.004, 0.005), values, strict=True))})
+    (row, *_) = recommendations(averages([line], 0.7))
+    assert row.exposure_s == 0.003
+    assert (row.alike_from_s, row.alike_to_s, row.alike_from_open, row.alike_to_open) == alike
+
+
+@pytest.mark.parametrize(
+    ("grid_s", "is_open"), [((0.001, 0.002, 0.004, 0.008), True), ((0.001, 0.004, 0.008), False)]
+)
+def test_what_scores_alike_may_go_on_where_the_next_of_the_grid_was_not_tested(grid_s, is_open):
+    """2 ms was tested at another light alone; so was it where a window was refined, which says nothing here."""
+    here = kept_table({0.0: {0.001: 0.5, 0.004: 0.95, 0.008: 0.8}}, 10.0)
+    there = kept_table({0.0: {0.001: 0.5, 0.002: 0.9, 0.004: 0.95, 0.008: 0.8}}, 100.0)
+    found = {
+        row.conditions["illuminance_lux"]: row
+        for row in recommendations(averages([here, there], 0.7, grid_s=grid_s))
+    }
+    assert (found[10.0].alike_from_s, found[10.0].alike_from_open) == (0.004, is_open)
+    assert not found[10.0].alike_to_open
+    assert not found[100.0].alike_from_open

@@ -31,7 +31,7 @@ def outlook(cells, value, saturated=0.0, ceiling=1.0):
     none = np.zeros((1, *value.shape))
     measured = Averages(
         "made", 0.5, cells.settings, cells.velocities_px_s, EXPOSURES_S, value, none, none[0], none[0],
-        np.ones(len(value)), np.where(np.isnan(value), np.nan, saturated),
+        np.ones(len(value)), np.where(np.isnan(value), np.nan, saturated), np.ones(5, bool),
     )  # fmt: skip
     return Outlook(measured, cells, ceiling, USUAL)
 
@@ -96,3 +96,26 @@ def test_the_better_gain_at_each_exposure_is_what_counts():
     asked = most_promising([outlook(both, [[0.0, 0.0, 0.0, 0.0, 0.0], [0.1, NO, 0.6, NO, 0.1]])], 2)
     assert {n for n, _ in asked} == {1}
     assert {e for _, e in asked} == {1, 3}
+
+
+def untested_gain(cells, value, place, ceiling):
+    seen = outlook(cells, value, ceiling=ceiling)
+    return seen.untested_gain(cells.settings, cells.velocities_px_s, EXPOSURES_S[place])
+
+
+def test_what_was_not_tested_gains_at_most_what_the_original_pictures_score_more():
+    """Beside the best: 0.88 of 0.9, and then of 0.95."""
+    gains = [untested_gain(ONE_LINE, [[0.2, NO, 0.88, NO, 0.1]], 2, ceiling) for ceiling in (0.9, 0.95)]
+    assert gains == pytest.approx([0.02, 0.07])
+
+
+def test_where_all_was_tested_nothing_else_gains():
+    assert untested_gain(ONE_LINE, [[0.2, 0.5, 0.88, 0.4, 0.1]], 2, 1.0) is None
+
+
+def test_what_may_be_gained_is_the_mean_over_the_conditions():
+    """Of 0.9 at most: 0.02 at one speed, 0.06 at the other."""
+    both = cells_of([setting()], speeds=(400.0, 800.0), monotone=False)
+    assert untested_gain(both, [[0.2, NO, 0.88, NO, 0.1], [0.2, NO, 0.84, NO, 0.1]], 2, 0.9) == pytest.approx(
+        0.04
+    )

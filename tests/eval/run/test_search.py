@@ -10,6 +10,7 @@ from blurnoise_eval.plan.question import Question
 from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.report.opening import opening
 from blurnoise_eval.run.evaluation import evaluate
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search import Search, search
 from blurnoise_eval.run.setup import Batch
 from blurnoise_eval.run.tables import strategy_sentences
@@ -144,6 +145,9 @@ def test_stopped_it_goes_on_to_the_same_conditions(searched, detector, tmp_path)
 
     with pytest.raises(KeyboardInterrupt):
         decided(tmp_path, detector, engine=Stopping(PICTURES, CAMERA, smooth))
+    rows = Run.open(tmp_path).tables.recommendations
+    assert max(row.untested_gain or 0.0 for row in rows) > SETTLED
+    assert None in {row.settled for row in rows}
     again = decided(tmp_path, detector)
     assert again.setup.batches == searched.setup.batches
     assert again.answers == searched.answers
@@ -179,6 +183,17 @@ def test_a_large_grid_on_the_plane_is_searched_there():
     large = planned(PLAN.values("exposure_s"), lights, speeds, gain_db=(AUTOMATIC,))
     assert type(search(large, CAMERA)).__name__ == "PlaneSearch"
     assert isinstance(search(PLAN, CAMERA), Search)
+
+
+def test_what_was_not_tested_is_part_of_the_verdict(searched):
+    """Of all conditions together one exposure alone was tested, and still it is settled: by the search."""
+    rows = searched.tables.recommendations
+    promised = [row.untested_gain for row in rows if row.untested_gain is not None]
+    assert len(promised) > len(rows) / 2
+    assert max(promised) <= SETTLED
+    assert all(row.settled for row in rows)
+    assert any(row.rival_s is None for row in rows)
+    assert "and by the search none that was not tested" in opening(searched.tables, "run").sentences[0]
 
 
 def test_before_a_program_it_asks_for_the_whole_grid(searched):
