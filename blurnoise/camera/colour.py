@@ -3,8 +3,8 @@
 Convention: a pattern names its filters in reading order, the first row's two and then the second row's: R red, G
 green, B blue, C clear. Colours are linear, (red, green, blue), 1 is white. Tone curves lead from linear light to
 coded values, both in [0, 1]: "srgb"; "filmic", 3 v^2 - 2 v^3 of the sRGB value v (Brooks et al., Unprocessing Images
-for Learned Raw Denoising, CVPR 2019); or one's own points (light, value), with straight lines between them. A
-picture's own curve, which is taken out before it is exposed, may also be "linear".
+for Learned Raw Denoising, CVPR 2019); "typical", measured (:data:`TYPICAL`); or one's own points (light, value), with
+straight lines between them. A picture's own curve, which is taken out before it is exposed, may also be "linear".
 """
 
 from __future__ import annotations
@@ -27,10 +27,19 @@ Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 Row = tuple[float, float, float]
 Matrix = tuple[Row, Row, Row]
 Points = Annotated[tuple[tuple[float, float], ...], Len(2)]
-ToneCurve = Literal["srgb", "filmic"] | Points
+ToneCurve = Literal["srgb", "filmic", "typical"] | Points
 PictureTone = Literal["linear"] | ToneCurve
 _Gain = Annotated[float, Ge(0.01), Le(100)]
 WhiteBalance = Literal["auto"] | tuple[_Gain, _Gain, _Gain]
+# fmt: off
+TYPICAL: Points = tuple((light, value / 255) for light, value in (
+    (0.0, 0), (0.0047, 3), (0.0085, 6), (0.0157, 12), (0.0203, 16), (0.0290, 24), (0.0378, 32), (0.0569, 48),
+    (0.0804, 64), (0.1089, 80), (0.1406, 96), (0.1786, 112), (0.2252, 128), (0.2774, 144), (0.3380, 160),
+    (0.4102, 176), (0.4916, 192), (0.5893, 208), (0.7101, 224), (0.8623, 240), (1.0, 255)))
+# fmt: on
+"""Tone curve of a camera's JPEG files: 3.5 stops of light between the values 128 and 16, the median of eleven
+cameras, which have 2.5 to 4.8; sRGB has 5.4. Measured by ``blurnoise cameras fit --tone`` on a bracket of twelve
+pictures by a Nikon E995 ("HDRI Sample Scene Window", A. Jacobs, WebHDR): 3.47 +- 0.05 stops, residual 2 of 255."""
 PLANES = ("none", "mono")
 """Without a mosaic: a sensor for each colour, or one plane of light."""
 _CURVES = {"R": "red", "G": "green", "B": "blue", "C": "clear"}
@@ -132,11 +141,11 @@ def picture_tone(value: object, name: str = "encoding") -> PictureTone:
     ((0.0, 0.0), (1.0, 1.0))
     """
     if isinstance(value, str):
-        return cast(PictureTone, one_of(name, value, ("srgb", "linear", "filmic")))
+        return cast(PictureTone, one_of(name, value, ("srgb", "linear", "filmic", "typical")))
     try:
         points = tuple((float(light), float(coded)) for light, coded in cast(Any, value))
     except (TypeError, ValueError):
-        must = "must be 'srgb', 'linear', 'filmic' or points (light, value)"
+        must = "must be 'srgb', 'linear', 'filmic', 'typical' or points (light, value)"
         raise TypeError(f"{name} = {shown(value)}: {must}") from None
     check_points(name, points)
     return points
@@ -197,6 +206,7 @@ def toned(light: Tensor, curve: ToneCurve) -> Tensor:
     >>> toned(torch.tensor([0.2]), ((0.0, 0.0), (0.5, 0.8), (1.0, 1.0)))
     tensor([0.3200])
     """
+    curve = TYPICAL if curve == "typical" else curve
     if isinstance(curve, str):
         value = srgb_from_linear(light)
         return value if curve == "srgb" else value * value * (3 - 2 * value)
@@ -218,6 +228,7 @@ def untoned(coded: Tensor, curve: PictureTone) -> Tensor:
     """
     if curve == "linear":
         return coded.clamp(0.0, 1.0)
+    curve = TYPICAL if curve == "typical" else curve
     if isinstance(curve, str):
         if curve == "filmic":  # the root of 3 v^2 - 2 v^3 in [0, 1]
             coded = 0.5 - torch.sin(torch.asin((1 - 2 * coded).clamp(-1.0, 1.0)) / 3)

@@ -135,7 +135,9 @@ class Isp:
     white_balance: Annotated[WhiteBalance, "must be 'auto' or three gains from 0.01 to 100"] = "auto"
     demosaic: Literal["bilinear", "edge"] = "bilinear"
     ccm: Annotated[Matrix | None, "must be three rows of three finite numbers"] = None
-    tone: Annotated[ToneCurve, "must be 'srgb', 'filmic' or points (light, value), at least two"] = "srgb"
+    tone: Annotated[
+        ToneCurve, "must be 'srgb', 'filmic', 'typical' or points (light, value), two or more"
+    ] = "srgb"
     noise_reduction: tuple[NoiseReduction, ...] = ()
     sharpening: tuple[Sharpening, ...] = ()
     local_tone: Annotated[LocalTone | None, "must be a LocalTone or None"] = None

@@ -60,7 +60,7 @@ def simulate(
     torch.Size([1, 1, 2, 3])
 
     image: (B, C, H, W) in [0, 1], the scene's reflectance, 1 is white. encoding: its tone curve, "srgb", "linear",
-    "filmic" or points (light, value), see :mod:`blurnoise.camera.colour`. exposure_s
+    "filmic", "typical" or points (light, value), see :mod:`blurnoise.camera.colour`. exposure_s
     (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
     grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": the part of each picture that reflects 18 %; None: brightness is
     reflectance (:mod:`blurnoise.scene.metering`). Light above white is kept. illuminant: the light's spectrum.

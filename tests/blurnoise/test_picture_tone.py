@@ -49,6 +49,14 @@ def test_a_pictures_light_is_that_of_its_curve(name, coded):
     assert torch.allclose(frame, simulate(light, camera, encoding="linear", **given), rtol=1e-4)
 
 
+def test_the_typical_curve_has_the_stops_of_the_median_camera():
+    """3.5 from the value 128 to 16, and no more in a picture that is read by it."""
+    light = untoned(torch.tensor([16.0, 128.0], dtype=torch.float64) / 255, "typical")
+    assert float(torch.log2(light[1] / light[0])) == pytest.approx(3.5, abs=0.05)
+    assert toned(light, "typical").mul(255).tolist() == pytest.approx([16, 128])
+    assert toned(torch.tensor([0.0, 1.0]), "typical").tolist() == [0.0, 1.0]
+
+
 def test_points_are_inverted_and_level_parts_are_their_least_light():
     coded = torch.tensor([0.0, 0.2, 0.4, 0.7, 1.0], dtype=torch.float64)
     assert untoned(coded, POINTS).tolist() == pytest.approx([0.0, 0.05, 0.1, 0.65, 0.8])

@@ -50,13 +50,14 @@ def simulate(
 
     --lux is the illuminance of the scene. A white pixel of the picture reflects all of the light, other pixels their
     share. The brightness of a photograph depends on its exposure; with --grey-anchor mean the mean of the picture
-    reflects 18 %. --picture-tone names the tone curve of the photograph, which is removed first. 'blurnoise cameras
-    fit --tone' measures the tone curve of a camera.
+    reflects 18 %. --picture-tone names the tone curve of the picture, which is removed first; srgb for a rendered
+    one. 'blurnoise cameras fit --tone' measures the tone curve of a camera.
     """
-    from dataclasses import asdict
+    from dataclasses import asdict, replace
 
     from blurnoise import TakeOptions, plan, take
     from blurnoise.light.lights import light_text
+    from blurnoise_eval import default_tone
     from blurnoise_eval.datasets import Coded, picture_doubts, write_picture
     from blurnoise_eval.default_camera import camera_text, is_grey_light
     from blurnoise_eval.plan.axes import LIT, axis
@@ -65,11 +66,13 @@ def simulate(
     from blurnoise_eval.simulation.scene_file import light_of, opened
 
     config.at()
+    tone, assumed = config.picture_tone, config.picture_tone is None
+    if tone is None:
+        config = replace(config, picture_tone="typical")
     light = light_of(image, config)
     colour, native = not is_grey_light(light), config.bit_depth == "native"
-    scene, exposure, cut, headlit = opened(
-        config, light, inputs.camera(config.camera, config.cfa, colour=colour)
-    )
+    _, by = default_tone.of_photographs(tone, inputs.camera(config.camera, config.cfa, colour=colour))
+    scene, exposure, cut, headlit = opened(config, light, by)
     options = TakeOptions(
         wanted=("raw",) if native else ("raw", "8 bit"),
         fidelity=config.fidelity,
@@ -97,6 +100,8 @@ def simulate(
         facts["stages"] = [asdict(stage) for stage in needed.stages]
     print_facts(facts, as_json)
     doubts = picture_doubts(image.parent, [image.name])
+    if assumed:
+        doubts = [default_tone.about(exposure.camera), *doubts]
     camera = exposure.camera
     for about in filter(
         None, [camera_text(camera, colour=colour), inputs.about_lux(config.camera, camera), *doubts]

@@ -38,6 +38,7 @@ def sweep(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:
 
 def computed(config: PlanFile, output: Location, as_json: bool, strategy: str) -> None:
     """Compute a plan by a strategy, write the run and print its answers."""
+    from blurnoise_eval import default_tone
     from blurnoise_eval.measure.photographs import about_photographs
     from blurnoise_eval.run.engines import engine_of
     from blurnoise_eval.run.evaluation import evaluate
@@ -59,5 +60,14 @@ def computed(config: PlanFile, output: Location, as_json: bool, strategy: str) -
             engine=engine,
             progress=True,
         )
-        about = [] if as_json else [about_camera, about_photographs(pictures, camera, config.plan)]
+        about: list[str | None] = []
+        if not as_json:
+            tone, writer = default_tone.of_photographs(config.plan.picture_tone, camera)
+            plan = replace(config.plan, picture_tone=tone)
+            assumed = config.plan.picture_tone is None and pictures.kind != "rendered"
+            about = [
+                about_camera,
+                about_photographs(pictures, writer, plan),
+                default_tone.about(writer) if assumed else None,
+            ]
         print_run(done, as_json=as_json, about=about)

@@ -59,7 +59,8 @@ class ExposureSettings(Settings):
     in headlamps. vehicle: drives at the speeds on the axis ``ego_speed_m_s``, and carries camera and headlamps.
     auto_exposure: sets gain and exposure where they are automatic. trajectory: motion in addition to the velocity.
     grey_anchor: the part of a picture that reflects 18 %; None: brightness is reflectance. picture_tone: the curve
-    that codes pictures. hdr_white: the light that is white in the merged picture of a camera of several captures.
+    that codes pictures; None: by their kind. hdr_white: the light that is white in the merged picture of a camera of
+    several captures.
     """
 
     AXES: ClassVar[tuple[Axis, ...]] = AXES
@@ -94,11 +95,11 @@ class ExposureSettings(Settings):
         "is used as reflectance)",
         "mean|pNN|x0,y0,x1,y1",
     )
-    picture_tone: PictureTone = setting(
-        "srgb",
+    picture_tone: PictureTone | None = setting(
+        None,
         "tone curve of the input pictures, which is removed first; linear: values are proportional to light "
-        "(default: srgb)",
-        "srgb|linear|filmic|FILE.yaml|POINTS",
+        "(default: typical for photographs, and also of cameras whose file has no tone; srgb for rendered pictures)",
+        "srgb|typical|linear|filmic|FILE.yaml|POINTS",
     )
     hdr_white: Annotated[float, Ge(1e-6), Le(1e6)] = setting(
         1.0,

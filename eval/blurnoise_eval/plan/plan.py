@@ -202,7 +202,7 @@ class SweepPlan(ExposureSettings):
         values: dict[str, Any] = {"repeats": self.repeats, "seed": self.seed}
         if self.grey_anchor is not None:
             values["grey_anchor"] = self.grey_anchor
-        if self.picture_tone != "srgb":
+        if self.picture_tone not in (None, "srgb"):
             values["picture_tone"] = self.picture_tone
         if any(AUTOMATIC in self.values(name) for name in self.grid):
             values["auto_exposure"] = asdict(self.auto_exposure)

@@ -17,14 +17,16 @@ if TYPE_CHECKING:
     from blurnoise.light.lights import Light
     from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
-_TONES = ("srgb", "linear", "filmic")
+_TONES = ("srgb", "linear", "filmic", "typical")
 _TONE_CHOICES = (
-    "srgb, linear, filmic, a camera file with 'tone:', or points light:value such as 0:0,0.2:0.5,1:1"
+    "srgb, linear, filmic, typical, a camera file with 'tone:', or points light:value such as 0:0,0.2:0.5,1:1"
 )
 
 
-def tone_of(given: Any) -> PictureTone:
+def tone_of(given: Any) -> PictureTone | None:
     """The tone curve of a picture from a name, points (such as "0:0,0.2:0.5,1:1"), or a camera file with ``tone``.
+
+    None: left to the pictures, see :func:`blurnoise_eval.default_tone.with_tone`.
 
     >>> tone_of("0:0,0.2:0.5,1:1")
     ((0.0, 0.0), (0.2, 0.5), (1.0, 1.0))
@@ -33,6 +35,8 @@ def tone_of(given: Any) -> PictureTone:
     from blurnoise.camera.colour import picture_tone
 
     value: Any = given
+    if given is None:
+        return None
     if isinstance(given, str) and ":" in given and not given.endswith((".yaml", ".yml", ".json")):
         value = [pair.split(":") for pair in given.split(",")]
     elif isinstance(given, str) and given not in _TONES:

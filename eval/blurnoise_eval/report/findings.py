@@ -177,9 +177,8 @@ def run_facts(data: RunData) -> dict[str, str]:
     if manifest.get("grey_anchor"):
         facts["reflectance"] = reflectance(data)
     if tone := manifest.get("plan", {}).get("picture_tone"):
-        facts["picture tone"] = (
-            tone if isinstance(tone, str) else f"{len(tone)} points, removed from the pictures"
-        )
+        words = tone if isinstance(tone, str) else f"{len(tone)} points"
+        facts["picture tone"] = f"{words}, removed from the pictures"
     if held := manifest.get("trajectory"):
         facts["trajectory"] = f"{held['text']}; blur and speeds are of the uniform motion beside it"
     if ego := manifest.get("plan", {}).get("ego"):

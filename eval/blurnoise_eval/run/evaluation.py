@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from blurnoise._core.checks import one_of
 from blurnoise.camera import Camera
-from blurnoise_eval import datasets
+from blurnoise_eval import datasets, default_tone
 from blurnoise_eval.answers.clusters import check_cluster
 from blurnoise_eval.answers.criterion import criterion_for
 from blurnoise_eval.cameras import find
@@ -117,6 +118,9 @@ def evaluate(
     of_pictures = {"rendered": pictures.kind == "rendered", "labelled": pictures.labelled}
     plan = usual_plan() if plan is None else plan
     plan = plan.for_rendered() if pictures.kind == "rendered" else plan
+    if pictures.kind != "rendered":
+        tone, camera = default_tone.of_photographs(plan.picture_tone, camera)
+        plan = replace(plan, picture_tone=tone)
     criterion_for(question, reads=not isinstance(opened[0], Detector), **of_pictures)
     check_plan(plan, camera, pictures)
     chosen = _strategy_of(strategy, pictures)(plan, camera)

@@ -91,7 +91,7 @@ class PictureScene:
         self._cut_scenes: dict[Hashable, CutScene] = {}
         self._lock = threading.Lock()
         try:
-            self.light = Scene.of_picture(image, plan.grey_anchor, plan.picture_tone)
+            self.light = Scene.of_picture(image, plan.grey_anchor, plan.picture_tone or "srgb")
         except ValueError as error:
             if plan.grey_anchor is None:
                 raise
@@ -187,7 +187,7 @@ class PictureScene:
                 raise ValueError("moves: targets and background need a picture that has targets")
             light, scale = self.light.light, 1.0
             if self.plan.grey_anchor is not None:
-                plain = Scene.of_picture(self._image, encoding=self.plan.picture_tone)
+                plain = Scene.of_picture(self._image, encoding=self.plan.picture_tone or "srgb")
                 # The anchor scales all light by one number, so the ratio of the sums is that number.
                 scale = float(self._reflected.sum() / plain.light.sum())
             emitters = 1.0 if self.plan.lamps is None else self.plan.lamps.factor

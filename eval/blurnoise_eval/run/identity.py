@@ -47,7 +47,7 @@ def open_run(
     names = [model.name for model in models]
     if len(set(names)) < len(names):
         raise ValueError(f"model = {names}: must have different names; rename one, as in model.name = 'b'")
-    if plan.picture_tone != "srgb" and pictures.kind == "rendered":
+    if plan.picture_tone not in (None, "srgb") and pictures.kind == "rendered":
         raise ValueError("picture_tone: needs pictures of your own; rendered pictures are sRGB-coded")
     every, part = pictures.every, pictures.of_part
     identity = {

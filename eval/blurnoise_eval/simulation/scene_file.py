@@ -116,7 +116,9 @@ def light_of(image: Path, config: SceneFile) -> Tensor:
     linear = config.picture_tone == "linear" or stored.dtype.kind == "f"
     light = torch.from_numpy(unit(stored))
     light = light[None, None] if light.ndim == 2 else light.permute(2, 0, 1)[None].contiguous()
-    light = anchored(light if linear else scene_reflectance(light, config.picture_tone), config.grey_anchor)
+    light = anchored(
+        light if linear else scene_reflectance(light, config.picture_tone or "srgb"), config.grey_anchor
+    )
     if config.emitters is None:
         return light
     path, times = emitters_of(config.emitters)

@@ -37,14 +37,47 @@ def test_simulate_takes_it_out(tmp_path, scene, capsys, monkeypatch):
     for place, tone in enumerate((TEXT, "mine.yaml")):
         told(capsys, "simulate", "coded.png", "-o", f"{place}.png", "--picture-tone", tone, *usual)
         assert np.abs(decode(tmp_path / f"{place}.png") - truth).max() <= 3
-    told(capsys, "simulate", "coded.png", "-o", "srgb.png", *usual)
+    told(capsys, "simulate", "coded.png", "-o", "srgb.png", "--picture-tone", "srgb", *usual)
     assert np.abs(decode(tmp_path / "srgb.png") - truth).mean() > 30
+
+
+def test_by_default_a_photograph_keeps_its_values_where_it_keeps_its_exposure(tmp_path, capsys, monkeypatch):
+    """Read and written by a typical camera's curve: within 2 of 255, but for what 12 bits round. So do sRGB's."""
+    monkeypatch.chdir(tmp_path)
+    ramp = np.repeat(np.arange(8, 248, 4, dtype=np.uint8)[None], 40, 0)
+    write_picture(tmp_path / "ramp.png", ramp)
+    (tmp_path / "quiet.yaml").write_text("base: imx250m\nread_noise_e: 0.1\nfull_well_e: 1000000\n"
+                                         "system_gain_dn_per_e: 0.00385\nread_noise_post_share: 0\n")  # fmt: skip
+    # a white pixel fills the well
+    lux = (
+        100
+        * 1e6
+        / told(capsys, "simulate", "ramp.png", "-o", "x.png", "--camera", "quiet.yaml")["white_electrons"]
+    )
+    means, said = {}, {}
+    for tone in ("", "srgb"):
+        words = ["--camera", "quiet.yaml", "--lux", lux, *(["--picture-tone", tone] if tone else [])]
+        assert main(["simulate", "ramp.png", "-o", "out.png", *words]) == 0
+        said[tone] = " ".join(capsys.readouterr().err.split())
+        means[tone] = decode(tmp_path / "out.png").reshape(40, 60, -1).mean((0, 2))
+        assert np.abs(means[tone] - ramp[0]).max() < 2
+    assert "tone: photographs are read by a typical camera's curve and written again (3.5 stops" in said[""]
+    assert "tone:" not in said["srgb"]
+
+
+def test_a_camera_with_a_tone_of_its_own_keeps_it(tmp_path, scene, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", "coded.png", "-o", "out.png", "--camera", "mine.yaml"]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "typical camera's curve and written by the camera's own" in said
+    assert main(["simulate", "coded.png", "-o", "typical.png", "--camera", "imx250m"]) == 0
+    assert np.abs(decode(tmp_path / "typical.png").astype(float) - decode(tmp_path / "out.png")).mean() > 10
 
 
 @pytest.mark.parametrize(
     ("tone", "why"),
     [
-        ("gamma", "--picture-tone = 'gamma': must be srgb, linear, filmic, a camera file"),
+        ("gamma", "--picture-tone = 'gamma': must be srgb, linear, filmic, typical, a camera file"),
         ("0:0,1", "--picture-tone = [['0', '0'], ['1']]: must be"),
         ("0:0,0.5:1", "--picture-tone = "),
         ("empty.yaml", "this file has no 'tone:'"),

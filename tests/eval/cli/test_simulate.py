@@ -83,7 +83,10 @@ def stored(name="out.png"):
 def taken(capsys, picture, words):
     """What is said, and the picture; of imx250 in one plane, unless the words name a camera."""
     camera = "" if "--camera" in words else "--camera mono.yaml"
-    return told(capsys, "simulate", picture, "-o", "out.png", *words.split(), *camera.split()), stored()
+    tone = "" if "--picture-tone" in words else "--picture-tone srgb"
+    return told(
+        capsys, "simulate", picture, "-o", "out.png", *words.split(), *camera.split(), *tone.split()
+    ), stored()
 
 
 @pytest.mark.parametrize("name", SCENES)
