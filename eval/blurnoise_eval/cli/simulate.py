@@ -10,13 +10,13 @@ from typer import Argument, Option
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import Json, PictureWritten, settings
 from blurnoise_eval.cli.console import print_facts, print_stages
-from blurnoise_eval.plan.files import SceneFile
+from blurnoise_eval.plan.files import NOT_TAKEN, SceneFile
 from blurnoise_eval.system.terminal import say_wrapped
 
 
 @settings(
     SceneFile, "*", "distance_m", "sheeting", "trajectory", "object", "camera",
-    "infrared", "grey_anchor", "picture_tone", "hdr", "bit_depth", "seed",
+    "infrared", "grey_anchor", "picture_tone", "taken", "hdr", "bit_depth", "seed",
     file="scene",
 )  # fmt: skip
 def simulate(
@@ -48,7 +48,9 @@ def simulate(
           --headlamp low --distance-m 50 --sheeting III
       blurnoise simulate --save-scene scene.yaml     all settings, to edit
 
-    --lux is the illuminance of the scene. A white pixel of the picture reflects all of the light, other pixels their
+    --lux is the illuminance of the scene. Without it, a photograph with time, ISO and f-number in its EXIF, or in
+    --taken, has the light by which it was taken; without --camera, it is taken again by a camera of that f-number
+    and ISO. A white pixel of the picture reflects all of the light, other pixels their
     share. The brightness of a photograph depends on its exposure; with --grey-anchor mean the mean of the picture
     reflects 18 %. --picture-tone names the tone curve of the picture, which is removed first; srgb for a rendered
     one. 'blurnoise cameras fit --tone' measures the tone curve of a camera.
@@ -59,8 +61,9 @@ def simulate(
     from blurnoise.light.lights import light_text
     from blurnoise_eval import default_tone
     from blurnoise_eval.datasets import Coded, picture_doubts, write_picture
+    from blurnoise_eval.datasets.taken import Taken
     from blurnoise_eval.default_camera import camera_text, is_grey_light
-    from blurnoise_eval.plan.axes import LIT, axis
+    from blurnoise_eval.plan.axes import GAIN, LIGHT, LIT, axis
     from blurnoise_eval.plan.conditions import reflectance_text
     from blurnoise_eval.simulation.figures import figures, headlit_figures
     from blurnoise_eval.simulation.scene_file import light_of, opened
@@ -69,9 +72,21 @@ def simulate(
     tone, assumed = config.picture_tone, config.picture_tone is None
     if tone is None:
         config = replace(config, picture_tone="typical")
+    taken = None
+    if config.taken is None:
+        taken = Taken.of_file(image)
+    elif config.taken != NOT_TAKEN:
+        taken = Taken.parse(config.taken)
+    if taken is not None:
+        lux = taken.lux(config.picture_tone or "srgb")
+        config = replace(config, grid={**config.grid, LIGHT.name: (lux,)})
     light = light_of(image, config)
     colour, native = not is_grey_light(light), config.bit_depth == "native"
     _, by = default_tone.of_photographs(tone, inputs.camera(config.camera, config.cfa, colour=colour))
+    if taken is not None and config.camera is None:  # in the place of the one that took it
+        by, gain_db = taken.camera(by, lux)
+        if config.values(GAIN.name) == (0.0,):
+            config = replace(config, grid={**config.grid, GAIN.name: (gain_db,)})
     scene, exposure, cut, headlit = opened(config, light, by)
     options = TakeOptions(
         wanted=("raw",) if native else ("raw", "8 bit"),
@@ -85,6 +100,8 @@ def simulate(
         suffix = "" if number == 1 else f"_{number}"
         write_picture(output.with_name(f"{output.stem}{suffix}{output.suffix}"), picture)
     facts = {"output": str(output), **figures(scene, exposure, frames.raw[0], cut)}
+    if taken is not None:
+        facts["taken"] = f"{taken.text}: in {lux:.3g} lux, by ISO 12232"
     if config.light:
         illuminant, headlamp = (axis(name).choice(config.at()[name]) for name in LIT)
         facts["light"] = light_text(config.light[0].name, config.light[0].lux, illuminant, headlamp)

@@ -5,6 +5,7 @@ Options of the commands override the settings that they name.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -20,6 +21,8 @@ from blurnoise_eval.plan.typed import bounds
 
 Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 MODEL_TIMEOUT_S = 60.0
+NOT_TAKEN = "unused"
+"""Of a scene whose lux are given: the photograph's own exposure does not count."""
 _CAMERA = "a preset or a camera file (default: imx250c for colour pictures, imx250m for grey)"
 _CFA = (
     "colour filters: RGGB, GRBG, GBRG, BGGR, RCCB or RCCC; mono: no colours; none: one sensor for each colour"
@@ -106,6 +109,12 @@ class SceneFile(ExposureSettings):
     line_time_us: float | None = setting(
         None, "time from row to row of a rolling shutter, µs; 0: global shutter (default: the camera's)"
     )
+    taken: Text | None = setting(
+        None,
+        "exposure of the photograph, by which lux follow: time in s, ISO and f-number, such as 1/30,200,f2.8 "
+        "(default: that of its EXIF, if lux and light are not given)",
+        "S,ISO,F",
+    )
     object: Text | None = setting(
         None,
         "moving object: the white part of a mask, or a rectangle in px. dx and dy move it if moves is targets, and "
@@ -136,6 +145,13 @@ class SceneFile(ExposureSettings):
         "auto", "auto: skip stages that contribute less than tolerance_dn; full: all stages"
     )
     tolerance_dn: float = setting(0.1, "largest contribution that fidelity auto may skip, DN RMS")
+
+    @classmethod
+    def _arguments(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        stated = LIGHT.key in values or values.get("light")
+        if stated and values.get("taken") not in (None, NOT_TAKEN):
+            raise ValueError("taken, lux: must not be combined; lux follow from how the photograph was taken")
+        return super()._arguments({**values, "taken": NOT_TAKEN} if stated else values)
 
     def at(self) -> dict[str, float]:
         """The value of each axis, in SI units. Raises ``ValueError``."""

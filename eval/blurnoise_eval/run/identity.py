@@ -14,6 +14,7 @@ from typing import Any
 from blurnoise._core.writing import remove_made
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
+from blurnoise_eval.datasets.taken import exif_text
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.run.coco_export import write_truth
@@ -83,6 +84,9 @@ def open_run(
     store.set_about("identity", identity)
     before = {} if earlier is None else earlier.models
     images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
+    if pictures.folder and pictures.kind != "rendered":
+        files = [pictures.folder / picture.name for picture in pictures.pictures]
+        images["exposure in EXIF"] = exif_text(files, plan.picture_tone or "srgb")
     if pictures.folder:
         images["at"] = {name: _absolute(str(getattr(pictures, name))) for name in ("source", "folder")}
     manifest = {

@@ -1,0 +1,125 @@
+"""Exposure with which a photograph was taken: its time, ISO and f-number, and the light that its values stand for.
+
+By ISO 12232:2019 the value 118 of 255 (18 % of white in sRGB) has a focal-plane exposure of H = 10 / S lx s at the
+standard output sensitivity S. A recommended exposure index (REI) names the same H, as the maker's mean; which of the
+two a file's ISO is, its tag SensitivityType says, and the light follows from both alike. A surface of luminance L has
+H = 0.65 L T / N^2 there (the standard's usual lens), and white reflects pi L lux. Cameras keep to this within a third
+of a stop or so, and say nothing of exposure compensation, which is in T and N already.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from PIL import Image, UnidentifiedImageError
+
+from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone, untoned
+from blurnoise.camera.radiometry import photoelectrons
+
+_EXIF, _TIME, _F_NUMBER, _ISO, _KIND = 0x8769, 33434, 33437, 34855, 34864
+_KINDS = {1: "SOS", 2: "REI", 3: "ISO speed", 4: "SOS, REI"}
+_VALUE, _LX_S, _LENS = 118 / 255, 10.0, 0.65
+_MUST = "must be time, ISO and f-number, such as 1/30,200,f2.8"
+MOST_READ = 1000
+"""Photographs of a set whose EXIF is read."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """An exposure: time in s, ISO, f-number; kind: what the ISO is, as EXIF names it.
+
+    Raises ``ValueError`` for values that are not positive and finite.
+
+    >>> Taken.parse("1/30,200,f2.8").text
+    '1/30 s, ISO 200, f/2.8'
+    """
+
+    exposure_s: float
+    iso: float
+    f_number: float
+    kind: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("exposure_s", "iso", "f_number"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} = {getattr(self, name):g}: must be > 0")
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """From "1/30,200,f2.8": time in s, ISO, f-number. Raises ``ValueError``."""
+        try:
+            time, iso, f_number = (part.strip() for part in text.split(","))
+            f_number = f_number.lower().removeprefix("f").removeprefix("/")
+            return cls(float(Fraction(time)), float(iso), float(f_number))
+        except (ValueError, ZeroDivisionError) as error:
+            raise ValueError(f"taken = {text!r}: {_MUST} ({error})") from None
+
+    @classmethod
+    def of_file(cls, path: Path) -> Self | None:
+        """From a picture's EXIF; None where it lacks one of the three, or is no picture that Pillow reads."""
+        with suppress(OSError, UnidentifiedImageError, ValueError, TypeError, ZeroDivisionError, SyntaxError):
+            with Image.open(path) as picture:
+                tags = picture.getexif().get_ifd(_EXIF)
+            iso: Any = tags.get(_ISO, 0)
+            iso = iso[0] if isinstance(iso, tuple) else iso
+            kind = _KINDS.get(tags.get(_KIND, 0), "")
+            return cls(float(tags.get(_TIME, 0)), float(iso), float(tags.get(_F_NUMBER, 0)), kind)
+        return None
+
+    def lux(self, tone: PictureTone) -> float:
+        """Illuminance in which the photograph's white was, for pictures coded by ``tone``.
+
+        >>> round(Taken(1 / 30, 100, 2.8).lux("srgb"))
+        631
+        """
+        light = float(untoned(torch.tensor([_VALUE], dtype=torch.float64), tone)[0])
+        white_lx_s = _LX_S / self.iso / light
+        return math.pi * white_lx_s * self.f_number**2 / (_LENS * self.exposure_s)
+
+    def camera(self, camera: Camera, lux: float) -> tuple[Camera, float]:
+        """``camera`` in the place of the one that took the photograph, and its gain in dB: of its f-number, and as
+        sensitive, so that white in ``lux`` fills the range at the photograph's own time.
+
+        Where the camera is the more sensitive one without gain, its lens passes less.
+
+        >>> camera, gain_db = Taken(1 / 30, 1600, 2.8).camera(Camera.preset("imx250c"), 39.0)
+        >>> camera.lens.f_number, round(gain_db, 1)
+        (2.8, 20.4)
+        """
+        sources = {**camera.sources, "f_number": "that of the photograph"}
+        camera = camera.with_figures(f_number=self.f_number, sources=sources)
+        share = photoelectrons(camera, lux, self.exposure_s) / camera.sensor.saturation_e
+        if share > 1:
+            sources |= {"transmission": "fitted to the photograph's ISO"}
+            camera = camera.with_figures(transmission=camera.lens.transmission / share, sources=sources)
+        return camera, max(0.0, -20 * math.log10(share))
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        time = f"{self.exposure_s:.3g}" if self.exposure_s >= 0.3 else f"1/{1 / self.exposure_s:.4g}"
+        return f"{time} s, ISO {self.iso:g}{f' ({self.kind})' if self.kind else ''}, f/{self.f_number:g}"
+
+
+def exif_text(files: Iterable[Path], tone: PictureTone) -> str:
+    """How many photographs have their exposure in EXIF, and in how many lux these were taken.
+
+    >>> exif_text([], "srgb")
+    'none of 0 photographs'
+    """
+    every = list(files)[:MOST_READ]
+    lux = sorted(taken.lux(tone) for taken in map(Taken.of_file, every) if taken is not None)
+    if not lux:
+        return f"none of {len(every)} photographs"
+    return (
+        f"{len(lux)} of {len(every)} photographs, taken in {lux[0]:.2g} to {lux[-1]:.2g} lux "
+        f"(median {lux[len(lux) // 2]:.2g})"
+    )
