@@ -38,6 +38,10 @@ _LEAST_DEVIATION = 0.3  # of rounding, in values
 _PILED = 4.0  # times the values below it that a value holds where pictures clip
 _LEAST_PILED = 1e-3  # of all values
 _HIGH = 160  # least value at which pictures may clip
+_SURE, _LEAST_SURE = (
+    16,
+    0.01,
+)  # value from which, and share of pixels by which noise and rounding move no offset
 _LOW_QUANTILE = 0.005  # of the values of clipped areas
 _RANGE = 16  # values below the usual one that clipped areas may have; JPEG files have 10
 
@@ -47,8 +51,9 @@ class ToneResponse:
     """Logarithm of light (256,) at each value, 0 where pictures clip.
 
     top: the highest value below the range of clipped areas; clip: their usual value, from top to 255. offsets: for
-    each picture, the logarithm of its light over that of its exposure. residuals: for each, the deviation from the
-    curve in values, RMS with Huber's weights. Both are NaN for a picture with no value that counts. spread: standard
+    each picture, the logarithm of its light over that of its exposure, NaN where hardly a value is above 16.
+    residuals: for each, the deviation from the curve in values, RMS with Huber's weights, NaN without a value that
+    counts. spread: standard
     deviation of logs by leaving out each picture, relative to the light of the value 128; NaN for three pictures.
 
     >>> values = np.linspace(20, 240, 999)
@@ -101,7 +106,9 @@ def fit_response(
         weight = np.where(counts, 1 / (each * slope[stack] ** 2), 0.0)
         over = _solved(stack, times, weight)
     left, slope = _left(over, stack, times, weight)
-    offsets = _shares(-weight * left, weight)
+    sure = weight * (stack >= _SURE)
+    sure[(sure > 0).mean(1) < _LEAST_SURE] = 0.0
+    offsets = _shares(-sure * left, sure)
     residuals = np.sqrt(_shares(counts * (left / slope[stack]) ** 2 / each, counts / each))
     deviations = np.full(256, np.nan)
     if spread and len(stack) > 3:

@@ -137,6 +137,15 @@ def test_areas_that_clip_below_255_do_not_count():
     assert np.interp(GRID, light * one, values)[:380] == pytest.approx(shouldered(GRID)[:380], abs=0.012)
 
 
+def test_pictures_of_hardly_any_light_are_not_blamed(tmp_path):
+    """Their noise and rounding, of one value in three, are no wrong exposure times."""
+    dark = bracket(tmp_path / "bracket", shouldered, noise=0.01, times=(0.01, 0.02, 1, 2, 4, 8, 16))
+    found = measure_tone(dark)
+    assert (found.left_out, found.doubts) == ((), ())
+    assert np.isnan(found.response.offsets[:1]).all()
+    assert np.abs(np.interp(GRID, *np.array(found.points).T) - shouldered(GRID)).max() < 0.02
+
+
 def test_a_picture_that_moved_is_named_and_left_out():
     tone = fit_tone(*photographs((0, 0, 5, 0, 0)))
     assert tone.left_out == ("c: moved by 5 px",)
