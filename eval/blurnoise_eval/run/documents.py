@@ -47,7 +47,7 @@ class ImagesPlace(TypedDict):
 
 @_STRICT
 class ImagesNote(TypedDict):
-    """The pictures of the run."""
+    """The pictures of the run; exif: how many photographs have their exposure in EXIF."""
 
     kind: str
     source: str
@@ -56,6 +56,7 @@ class ImagesNote(TypedDict):
     chosen: str
     count: Count
     at: NotRequired[ImagesPlace]
+    exif: NotRequired[str]
 
 
 @_STRICT

@@ -86,7 +86,7 @@ def open_run(
     images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
     if pictures.folder and pictures.kind != "rendered":
         files = [pictures.folder / picture.name for picture in pictures.pictures]
-        images["exposure in EXIF"] = exif_text(files, plan.picture_tone or "srgb")
+        images["exif"] = exif_text(files, plan.picture_tone or "srgb")
     if pictures.folder:
         images["at"] = {name: _absolute(str(getattr(pictures, name))) for name in ("source", "folder")}
     manifest = {

@@ -14,7 +14,7 @@ from blurnoise_eval.plan.axes import AXES, OWN_SPECTRUM, axis
 from blurnoise_eval.plan.files import PlanFile, SceneFile
 from blurnoise_eval.plan.question import Question
 
-MOST_BESIDE_AXES = {"sweep": 18, "simulate": 17, "validate": 15}
+MOST_BESIDE_AXES = {"sweep": 18, "simulate": 18, "validate": 15}
 
 
 class Asked(Exception):
