@@ -19,6 +19,7 @@ from blurnoise.camera import Camera
 from blurnoise_eval.calibration.labels import light_of
 from blurnoise_eval.calibration.levels import Level, columns
 from blurnoise_eval.calibration.patterns import Halves, common_variances
+from blurnoise_eval.calibration.rounding import SHEPPARD_DN2
 from blurnoise_eval.calibration.uncertain import Uncertain, Z
 
 PASS, FAIL, CANNOT_TELL, NOT_JUDGED = "pass", "fail", "cannot tell", "-"  # verdicts
@@ -254,7 +255,9 @@ def rows(found: StandardFigures, camera: Camera) -> list[StandardRow]:
         "SNR_max": _DECIBEL / 2 * math.log(most_e),
         "LE": 0.0,
     }
-    limits = LIMITED if found.hidden else ()
+    # Rounding adds up to 0.25 DN^2 there, by where the black level lies between two numbers.
+    coarse = (sensor.system_gain_dn_per_e * sensor.dark_noise_e) ** 2 < SHEPPARD_DN2
+    limits = LIMITED if found.hidden or coarse else ()
     small = {"DSNU_pixel": _SMALL * sensor.dark_noise_e}
     nothing = Uncertain(math.nan, math.nan)
     return [

@@ -21,6 +21,7 @@ from blurnoise.sensor.readout import read_out
 from blurnoise_eval.calibration.checks import CLIPPED
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.levels import Level, level_of
+from blurnoise_eval.calibration.rounding import TWO_NUMBERS_DN
 from blurnoise_eval.calibration.uncertain import Z
 
 SIDE_PX = 160  # of the simulated frames: their variance is known to 1 %
@@ -155,8 +156,8 @@ def _compared(measurement: Measurement, level: Level, simulated: Level, sure: fl
     fit, estimates, lit = measurement.fit, measurement.estimates, level.taken.kind == "flat"
     signal_dn = max(0.0, level.mean_dn - fit.dark.offset)
     brightest_dn = max(one.mean_dn for one in measurement.flat) - fit.dark.offset
-    if lit and signal_dn < _DIM * brightest_dn:
-        return []
+    if (lit and signal_dn < _DIM * brightest_dn) or (not lit and fit.noise_dn < TWO_NUMBERS_DN):
+        return []  # dark frames of two numbers give bounds, which no single camera can meet
     found = []
     if not lit or measurement.linearity:
         black, drift = estimates["black_level_dn"], estimates.get("black_level_drift_dn")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.calibration import standard
 from blurnoise_eval.calibration.fit import measure
-from blurnoise_eval.calibration.standard import StandardRow
+from blurnoise_eval.calibration.standard import StandardFigures, StandardRow
 from blurnoise_eval.calibration.to_camera import camera_of
 from blurnoise_eval.calibration.uncertain import Uncertain
 
@@ -131,6 +131,10 @@ def test_where_rounding_hides_the_noise_the_standard_gives_a_limit(tmp_path):
     """0.3 DN of noise in the dark: the standard counts 0.24 DN^2, 0.4 DN of noise."""
     coarse = CAMERA.with_figures(system_gain_dn_per_e=0.075, bit_depth=10, black_level_dn=4.5)
     folder = made_frames.save(tmp_path / "coarse", made_frames.exposed(coarse, 5, size=SIZE))
+    shifted = StandardFigures({"sigma_d": Uncertain(5.5, 0.01)}, hidden=False)
+    assert (
+        standard.rows(shifted, coarse)[2].verdict == "pass"
+    )  # 0.25 DN^2 of rounding alone, half-way between numbers
     found = measure(folder, bit_depth=10)
     rows = {row.name: row for row in standard.rows(found.standard, camera_of(found, "mine"))}
     assert rows["sigma_d"].standard.value == pytest.approx(math.sqrt(0.24 - 1 / 12) / 0.075, rel=0.05)

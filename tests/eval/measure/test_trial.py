@@ -1,5 +1,7 @@
 """A fitted camera on its own frames: what simulated frames of it miss is named with its size."""
 
+from dataclasses import replace
+
 import made_frames
 import numpy as np
 import pytest
@@ -55,6 +57,16 @@ def test_what_a_wrong_camera_misses(found, changes, why):
     """A tenth of gain or noise, 0.4 DN of black, a well below the brightest level, rows that the frames lack."""
     lines = misses(found, camera_of(found, "mine").with_figures(**changes))
     assert any(line.startswith(f"misses its frames: {why}") for line in lines), lines
+
+
+def test_dark_frames_of_two_numbers_are_not_held_against_a_camera(found):
+    """Noise below 0.2 DN leaves bounds of read noise and black level; flat frames are still compared."""
+    wrong = camera_of(found, "mine").with_figures(read_noise_e=4.6, system_gain_dn_per_e=0.44)
+    fine, coarse = (
+        misses(replace(found, fit=fit), wrong) for fit in (found.fit, replace(found.fit, read_dn2=0.03))
+    )
+    assert ["variance of dark frames" in " ".join(lines) for lines in (fine, coarse)] == [True, False]
+    assert "variance of flat frames" in " ".join(coarse)
 
 
 def test_strict_writes_nothing_for_frames_that_the_camera_misses(planes, tmp_path, capsys):
