@@ -6,6 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from blurnoise.camera import Camera
+from blurnoise.camera.colour import PictureTone
+from blurnoise_eval import default_tone
 from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import Image, Picture
 from blurnoise_eval.plan.axes import axis
@@ -24,6 +26,7 @@ def expose(
     seed: int = 0,
     run: Run | None = None,
     grey_anchor: str | None = None,
+    picture_tone: PictureTone = "srgb",
     **conditions: float | str,
 ) -> Frame:
     """Take a picture as a sweep does: its ``image`` is (H, W, 3), uint8, RGB.
@@ -31,7 +34,8 @@ def expose(
     picture: (H, W, 3), uint8 or uint16, RGB, or one of :mod:`blurnoise_eval.datasets`, whose targets can move.
     camera: a preset's name, a file, or a camera. seed: of the noise. run: with this run's grey anchor, tone curve,
     trajectory and vehicle; picture then is ``run.picture(NAME)``. grey_anchor: the part of any other picture that
-    reflects 18 %; None: brightness is reflectance. conditions: by the names of the axes (:data:`blurnoise_eval.AXES`)
+    reflects 18 %; None: brightness is reflectance. picture_tone: its curve; "typical", as sweeps take photographs, is
+    also that of a camera whose file has no tone. conditions: by the names of the axes (:data:`blurnoise_eval.AXES`)
     and in their units, such as ``exposure_s=0.01, illuminance_lux=50.0, gain_db="auto"``; what is left out is the
     camera's own, and without motion. Raises ``ValueError`` that names the condition.
 
@@ -45,6 +49,8 @@ def expose(
     stated = {name: axis(name).checked((value,))[0] for name, value in conditions.items()}
     cell = Cell("exposed", 0, Conditions(**stated), seed)
     by = find(camera) if isinstance(camera, str) else camera
+    if (picture_tone if run is None else run.setup.plan.picture_tone) == default_tone.NAME:
+        _, by = default_tone.of_photographs(None, by)
     if run is not None:
         if not isinstance(picture, Picture):
             raise TypeError("picture: must be a picture of the run, run.picture(NAME)")
@@ -55,5 +61,5 @@ def expose(
         return run.expose(run.scene(picture), cell, by)
     of = picture if isinstance(picture, Picture) else None
     image = picture.load() if isinstance(picture, Picture) else picture
-    plan = replace(usual_plan(), grey_anchor=grey_anchor)
+    plan = replace(usual_plan(), grey_anchor=grey_anchor, picture_tone=picture_tone)
     return next(frames(PictureScene(image, plan, of), [cell], by))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blurnoise_eval import datasets
+from blurnoise_eval import datasets, default_tone
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.default_camera import camera_text, default_camera, in_colour, is_grey
 from blurnoise_eval.plan.axes import AXES
@@ -58,7 +58,8 @@ def test_the_last_of_many_pictures_is_looked_at(tmp_path):
 def test_a_named_camera_wins(tmp_path, named):
     model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", True)
     camera = manifest(evaluate(model, pictures, named, PLAN, output=tmp_path / "run"))
-    assert camera == Camera.preset(named).to_dict()
+    _, written = default_tone.of_photographs(None, Camera.preset(named))
+    assert camera == written.to_dict()
 
 
 def test_a_run_of_another_camera_is_not_resumed(tmp_path):

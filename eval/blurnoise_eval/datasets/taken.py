@@ -78,7 +78,7 @@ class Taken:
         """Illuminance in which the photograph's white was, for pictures coded by ``tone``.
 
         >>> round(Taken(1 / 30, 100, 2.8).lux("srgb"))
-        631
+        627
         """
         light = float(untoned(torch.tensor([_VALUE], dtype=torch.float64), tone)[0])
         white_lx_s = _LX_S / self.iso / light
@@ -92,7 +92,7 @@ class Taken:
 
         >>> camera, gain_db = Taken(1 / 30, 1600, 2.8).camera(Camera.preset("imx250c"), 39.0)
         >>> camera.lens.f_number, round(gain_db, 1)
-        (2.8, 20.4)
+        (2.8, 21.3)
         """
         sources = {**camera.sources, "f_number": "that of the photograph"}
         camera = camera.with_figures(f_number=self.f_number, sources=sources)

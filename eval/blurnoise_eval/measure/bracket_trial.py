@@ -17,6 +17,7 @@ import numpy as np
 from blurnoise.camera import Camera
 from blurnoise.camera.colour import Points
 from blurnoise.scene.scene import Scene
+from blurnoise_eval import default_tone
 from blurnoise_eval.calibration.bracket import Bracket, Bytes, Shot, placed, read_bracket
 from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.tone import Tone, fit_tone
@@ -160,9 +161,10 @@ def _folds(
 
 def _usual(bracket: Bracket, best: int, colour: bool, seed: int) -> list[Bytes]:
     """All exposures simulated from one photograph, as a sweep does by default."""
-    light = Scene.of_picture(bracket.pictures[best], encoding=usual_plan().picture_tone).light
+    tone, camera = default_tone.of_photographs(usual_plan().picture_tone, default_camera(colour=colour))
+    light = Scene.of_picture(bracket.pictures[best], encoding=tone).light
     scene = MergedScene(light[0].permute(1, 2, 0).numpy(), bracket.shots[best], 0.0)
-    return [*shown(scene, bracket.shots, default_camera(colour=colour), seed)]
+    return [*shown(scene, bracket.shots, camera, seed)]
 
 
 def _rows(trial: BracketTrial) -> Iterator[dict[str, Any]]:

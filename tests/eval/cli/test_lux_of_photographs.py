@@ -3,8 +3,11 @@
 import cv2
 import numpy as np
 import pytest
+import torch
 from blurnoise_eval import expose
 from commands import main
+
+from blurnoise.camera.colour import toned
 
 SHORT = ("--lux", "10", "--exposure-ms", "10", "--dx", "0", "--threads", "1")
 
@@ -76,7 +79,7 @@ def stops_apart(tmp_path):
     """Arguments for a sweep of flat pictures of 2 to 32 % of white, a stop apart: sqrt(2) EV."""
     (tmp_path / "photos").mkdir()
     for place, linear in enumerate((0.02, 0.04, 0.08, 0.16, 0.32)):
-        coded = 255 * (1.055 * linear ** (1 / 2.4) - 0.055)
+        coded = 255 * float(toned(torch.tensor(linear), "typical"))
         cv2.imwrite(str(tmp_path / "photos" / f"{place}.png"), np.full((24, 32, 3), round(coded), np.uint8))
     return ("--images", str(tmp_path / "photos"), "-o", str(tmp_path / "run"), *SHORT)
 

@@ -43,6 +43,7 @@ def simulated(folder, words, scene=None):
     (folder / "scene.yaml").write_text(json.dumps(scene or {"lux": 300}))
     write_picture(folder / "p.png", sign())
     words = ["simulate", str(folder / "p.png"), "-o", str(folder / "seen.png"), "--seed", "3", *words.split()]
+    words += ["--picture-tone", "srgb"]
     assert main([*words, "--scene", str(folder / "scene.yaml")]) == 0
     return decode(folder / "seen.png")
 

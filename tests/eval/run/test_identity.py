@@ -27,7 +27,7 @@ from blurnoise.scene.metering import AutoExposure
 
 SMALL = swept((0.004,), (33.3,), (0.0, 333.3), examples=False)
 GRID = {"exposure_s": (0.005,), "illuminance_lux": (50.0,), "velocity_x_px_s": (100.0,)}
-CUTTING = SweepPlan({**GRID, "moves": ("targets",)}, objects=ObjectSettings())
+CUTTING = SweepPlan({**GRID, "moves": ("targets",)}, objects=ObjectSettings(), picture_tone="srgb")
 OUTLINE = {"segmentation": [[20.0, 20.0, 60.0, 20.0, 20.0, 60.0]]}
 TARGET = Target("stop sign", "signs", (20.0, 20.0, 60.0, 60.0), annotation=OUTLINE)
 CHANGED = {

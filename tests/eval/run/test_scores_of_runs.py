@@ -26,7 +26,7 @@ from signs_in_memory import BOX, picture, sign
 
 from blurnoise.training.table import FILE, ExposureTable
 
-PLAN = swept((0.0005, 0.01), (50.0,), (0.0, 900.0), repeats=2)
+PLAN = replace(swept((0.0005, 0.01), (50.0,), (0.0, 900.0), repeats=2), picture_tone="srgb")
 GREY = Target("stop sign", "a grey wall", (2.0, 2.0, 12.0, 12.0))
 
 
