@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from blurnoise.light.lights import light_text
+from blurnoise_eval.answers.choosing import SATURATED
 from blurnoise_eval.plan.axes import LIT, axis
 
 
@@ -38,3 +39,12 @@ def lights_of_run(manifest: Mapping[str, Any]) -> dict[float, NamedLight]:
         )
         for each in lights
     }
+
+
+def saturates(share: float, at: str = "") -> str:
+    """A sentence on how much of a picture saturates, "" if that is little. at: where.
+
+    >>> saturates(0.3, " at 20 lux"), saturates(0.02)
+    (' It saturates 30 % of the picture at 20 lux.', '')
+    """
+    return f" It saturates {100 * share:.0f} % of the picture{at}." * (share > SATURATED)

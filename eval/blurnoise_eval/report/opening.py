@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter, itemgetter
 
-from blurnoise_eval.answers.choosing import FINER, NEAR, SATURATED
+from blurnoise_eval.answers.choosing import FINER, NEAR
 from blurnoise_eval.answers.exposure_window import WORKS
 from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, SURE
 from blurnoise_eval.answers.rows import AnswerRow, RecommendationRow
@@ -20,7 +20,7 @@ from blurnoise_eval.answers.table import LEAST_KNOWN
 from blurnoise_eval.plan.axes import EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
 from blurnoise_eval.plan.typed import AUTOMATIC
 from blurnoise_eval.plots.style import spread
-from blurnoise_eval.report.lights import lights_of_run
+from blurnoise_eval.report.lights import lights_of_run, saturates
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
 from blurnoise_eval.report.settled import alike_text, all_alike, settled_legend, settled_text, use_text
@@ -305,16 +305,14 @@ class _OfModel:
         tested = {s: value for each in means for s, value in zip(each.exposures_s, each.values, strict=True)}
         exposure_s, value = max(tested.items(), key=itemgetter(1, 0), default=(0.0, 0.0))
         if value - tested.get(row.exposure_s, value) > NEAR + FINER and exposure_s > row.exposure_s:
-            keeps_more = f"{EXPOSURE.text(exposure_s)} {keeps(self.data.criterion)} {value:.2f}"
-            return f"{self._saturates(row)} {keeps_more}, but saturates too much."
+            more = f"{EXPOSURE.text(exposure_s)} {keeps(self.data.criterion)} {value:.2f}"
+            return f"{self._saturates(row)} {more}, but saturates too much."
         return self._saturates(row)
 
     def _saturates(self, row: RecommendationRow) -> str:
         """How much of the picture an exposure saturates in the brightest of its lights, if that is much."""
-        share = row.saturated_share or 0.0
-        brightest = row.conditions[LIGHT.name] or max(each.conditions[LIGHT.name] for each in self.lights)
-        at = f" at {LIGHT.text(brightest)}" if len(self.lights) > 1 else ""
-        return f" It saturates {100 * share:.0f} % of the picture{at}." * (share > SATURATED)
+        lux = row.conditions[LIGHT.name] or max(each.conditions[LIGHT.name] for each in self.lights)
+        return saturates(row.saturated_share or 0.0, f" at {LIGHT.text(lux)}" * (len(self.lights) > 1))
 
     def _weakest(self) -> str:
         """Where the single exposure is worst."""

@@ -19,8 +19,8 @@ from blurnoise_eval.answers.settling import SETTLED
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
-from blurnoise_eval.run.light_lines import light_lines
 from blurnoise_eval.run.grid_cells import Cells
+from blurnoise_eval.run.light_lines import light_lines
 from blurnoise_eval.run.outlook import outlooks
 from blurnoise_eval.run.score_tables import (
     dark_below,
