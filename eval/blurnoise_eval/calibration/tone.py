@@ -49,7 +49,10 @@ _LEAST_COMMON = 128  # values of 256 that two pictures must share
 _OFF = 0.05  # relative error of the light of a picture above which its exposure time is doubtful
 _MOST_OFF = 0.25  # above which there is no curve
 _MOST_RESIDUAL = 8.0  # values; JPEG files of real cameras have 1 to 4
-_MOST_SPREAD_EV = 0.5  # of the interval of the stops between the values 128 and 16
+_MOST_SPREAD_EV, _WIDE_SPREAD_EV = (
+    1.0,
+    0.4,
+)  # refused, doubted: of the interval of the stops between 128 and 16
 _DARK, _MIDDLE = 16, 128
 _POINTS = np.unique([0, 1, 2, 3, 4, 6, 8, 12, *range(16, 256, 8), 255])  # values of the curve's points
 
@@ -222,7 +225,9 @@ def _checked(about: str, fit: ToneResponse, pictures: int) -> Tone:
     text += f" from value {_MIDDLE} to {_DARK}"
     if fit.top < BRIGHTEST:
         text += f", clipped areas from value {fit.top + 1} on left out"
-    doubts = [f"light and exposure times differ by up to {math.expm1(off):.0%}"] if off > _OFF else []
+    wide = f"the curve is known to {spread:.1f} stops only; {few}"
+    doubts = [wide] if spread > _WIDE_SPREAD_EV else []
+    doubts += [f"light and exposure times differ by up to {math.expm1(off):.0%}"] if off > _OFF else []
     return Tone(_points(fit.logs, fit.top, fit.clip), text, tuple(doubts), fit)
 
 
