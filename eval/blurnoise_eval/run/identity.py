@@ -84,7 +84,7 @@ def open_run(
     store.set_about("identity", identity)
     before = {} if earlier is None else earlier.models
     images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
-    if pictures.folder and pictures.kind != "rendered":
+    if isinstance(pictures.folder, Path) and pictures.kind != "rendered":  # not at a URL, a request for each
         files = [pictures.folder / picture.name for picture in pictures.pictures]
         images["exif"] = exif_text(files, plan.picture_tone or "srgb")
     if pictures.folder:

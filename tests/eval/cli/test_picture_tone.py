@@ -104,7 +104,7 @@ def test_a_run_has_one_and_goes_on_with_no_other(tmp_path, scene, capsys, monkey
     assert main([*words, "--picture-tone", TEXT]) == 0
     capsys.readouterr()
     assert main(words) == 2
-    assert "another plan.picture_tone" in capsys.readouterr().err
+    assert "plan.picture_tone" in capsys.readouterr().err
     assert main(["sweep", "--picture-tone", "filmic", "--limit", 1, "-o", "signs"]) == 2
     assert "picture_tone: needs pictures of your own" in capsys.readouterr().err
     assert not (tmp_path / "signs").exists()
