@@ -39,8 +39,8 @@ def of_photographs(tone: PictureTone | None, camera: Camera) -> tuple[PictureTon
     return NAME, camera.with_figures(tone=NAME, sources=sources)
 
 
-def about(camera: Camera) -> str:
-    """A line on what was assumed, and what it is worth.
+def about(camera: Camera, setting: str = "--picture-tone srgb") -> str:
+    """A line on what was assumed, and what it is worth. setting: that of sRGB, as typed.
 
     >>> about(of_photographs(None, Camera.preset("imx250"))[1]).partition(":")[0]
     'tone'
@@ -49,5 +49,5 @@ def about(camera: Camera) -> str:
     written = "written by the camera's own" if own else "written again"
     return (
         f"tone: photographs are read by a typical camera's curve and {written} ({_WORTH}). Measure yours: "
-        "blurnoise cameras fit --tone; pictures that are rendered: --picture-tone srgb"
+        f"blurnoise cameras fit --tone; pictures that are rendered: {setting}"
     )

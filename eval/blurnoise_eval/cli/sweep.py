@@ -68,6 +68,6 @@ def computed(config: PlanFile, output: Location, as_json: bool, strategy: str) -
             about = [
                 about_camera,
                 about_photographs(pictures, writer, plan),
-                default_tone.about(writer) if assumed else None,
+                default_tone.about(writer, "picture_tone: srgb in a plan") if assumed else None,
             ]
         print_run(done, as_json=as_json, about=about)
