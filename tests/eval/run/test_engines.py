@@ -125,7 +125,8 @@ def test_no_process_outlives_its_sweep(pictures, detector, tmp_path, engine, how
     shown = datasets.image_folder(Path(pictures.source))
     words = f"sweep --exposure-ms 1:60:1 --lux 50 --dx 0,300 --gain auto --engine {engine} --threads 2"
     (tmp_path / "plan.yaml").write_text("picture_tone: srgb\n")  # as in the plan below, of no photographs
-    words += f" --plan {tmp_path / 'plan.yaml'} --camera imx250 --model {detector.path} --images {shown.source} -o {tmp_path / 'run'}"
+    words += f" --plan {tmp_path / 'plan.yaml'} --camera imx250 --model {detector.path}"
+    words += f" --images {shown.source} -o {tmp_path / 'run'}"
     process = subprocess.Popen(
         [sys.executable, "-m", "blurnoise_eval.cli", *words.split()],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, text=True,
