@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import made_brackets
 import made_frames
 import numpy as np
 import torch
@@ -96,5 +97,12 @@ def _write_camera(folder):
         write_picture(folder / "bracket" / f"{number}.png", coded)
         rows.append(f"{number}.png,{stops}e-3")
     (folder / "bracket" / "frames.csv").write_text("\n".join(rows))
+    made_brackets.save(folder / "room", made_brackets.shots(made_brackets.sign_light()))
+    shutil.copytree(folder / "room", folder / "street")
+    (folder / "flats").mkdir()
+    noise = np.random.default_rng(1).normal(120, 3, (2, 96, 96))
+    for number, picture in enumerate(noise.round().astype(np.uint8)):
+        write_picture(folder / "flats" / f"{number}.png", picture)
+    (folder / "flats" / "frames.csv").write_text("file,gain_db\n0.png,0\n1.png,0\n")
     levels = {51041: (12, (1e-4, 1e-7)), 50717: (4, 4095), 34855: (3, 400)}
     made_frames.write_dng(folder / "photo.dng", np.zeros((48, 64), np.uint16), levels)
