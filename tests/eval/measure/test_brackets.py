@@ -18,7 +18,7 @@ from blurnoise_eval.measure.bracket_worth import BRACKET, DEFAULTS, worth
 from blurnoise_models.detector import STOP_SIGN
 from commands import main
 
-REAL = Path("/work/shared/real")
+REAL = Path(__file__).resolve().parents[4] / "shared" / "real"
 LIGHT = np.geomspace(1e-4, 1, 60).round(6)
 POINTS = ((0.0, 0.0), *zip(LIGHT.tolist(), made_brackets.shoulder(LIGHT).tolist(), strict=True))
 
@@ -234,7 +234,7 @@ def test_what_does_not_go_together_is_a_line(words, why, tmp_path, monkeypatch, 
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not REAL.is_dir(), reason="the real bracket is no part of the project")
+@pytest.mark.skipif(not REAL.is_dir(), reason="the shared bracket is no part of the project")
 def test_the_real_bracket():
     """Half confidence of both detectors within half a stop in the dark; in bright light highlights decide."""
     models = [Detector(REAL / "models" / f"{name}.onnx") for name in ("yolox_nano", "fastestdet_upstream")]
