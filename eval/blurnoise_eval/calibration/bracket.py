@@ -15,11 +15,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.listing import table_reader, with_points
 from blurnoise_eval.datasets import eight_bit, read_picture
+from blurnoise_eval.datasets.exif import exif_exposure
 from blurnoise_eval.system.files import inside
 
 Bytes = NDArray[np.uint8]
@@ -27,7 +27,6 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 MOST_PX = 2048
 """Longest side; larger pictures are reduced to it."""
 LIST = "frames.csv"
-_EXIF, _EXPOSURE, _F_NUMBER, _ISO = 0x8769, 33434, 33437, 34855
 _ALIGNED_PX = 1024  # longest side at which displacements are measured
 _SMALLEST = 64  # px, of a side
 _SURE, _SURE_OF_CORNER = 0.3, 0.4  # response of the phase correlation, of which 1 is a copy
@@ -165,12 +164,9 @@ def _of_table(folder: Path) -> list[Shot]:
 
 
 def _of_exif(path: Path) -> Shot:
-    with Image.open(path) as picture:
-        tags = picture.getexif().get_ifd(_EXIF)
-    iso = tags.get(_ISO)
-    iso = iso[0] if isinstance(iso, tuple) else iso
+    exposure_s, iso, f_number, _ = exif_exposure(path)
     return Shot(
-        path, float(tags.get(_EXPOSURE, math.nan)), float(iso or 100), float(tags.get(_F_NUMBER) or 1)
+        path, exposure_s, 100.0 if math.isnan(iso) else iso, 1.0 if math.isnan(f_number) else f_number
     )
 
 

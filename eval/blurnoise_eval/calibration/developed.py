@@ -18,7 +18,6 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image
 from scipy.optimize import minimize
 
 from blurnoise.camera import Camera
@@ -32,6 +31,7 @@ from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.listing import table_reader, with_points
 from blurnoise_eval.calibration.to_camera import Known, changed
 from blurnoise_eval.datasets import decode, eight_bit
+from blurnoise_eval.datasets.exif import exif_exposure
 from blurnoise_eval.datasets.jpeg import encoding
 from blurnoise_eval.system.files import inside
 
@@ -44,7 +44,6 @@ ROUNDING_DN = 12**-0.5
 MOST_PX, BLOCK_PX = 512, 32
 _FIT_PX = 160  # side of the frames that are simulated
 _LIST, _SUFFIXES = "frames.csv", (".png", ".jpg", ".jpeg", ".tif", ".tiff")
-_EXIF, _ISO = 0x8769, 34855
 _DARKEST, _BRIGHTEST = 16.0, 235.0  # mean values between which noise does not clip
 _ALIKE = 0.05  # relative difference of the brightness of frames of one gain
 _SEED = 1
@@ -238,7 +237,7 @@ def _groups(folder: Path) -> tuple[dict[float, list[Path]], str]:
     listed = list(_listed(folder / _LIST)) if (folder / _LIST).is_file() else []
     note = ""
     if not (folder / _LIST).is_file():
-        isos = {p: _iso(p) for p in sorted(folder.iterdir()) if p.suffix.lower() in _SUFFIXES}
+        isos = {p: exif_exposure(p).iso for p in sorted(folder.iterdir()) if p.suffix.lower() in _SUFFIXES}
         missing = [path.name for path, iso in isos.items() if not iso > 0]
         must = f"add it to EXIF or to {_LIST} (file, gain_db)"
         refuse(missing, f"{folder / (missing or [''])[0]}: ISO is missing; {must}")
@@ -266,12 +265,6 @@ def _listed(source: Path) -> Iterator[tuple[Path, float]]:
             yield source.parent / inside(row["file"]), gain_db
     except (KeyError, ValueError):
         raise ValueError(f"{source}: must have the columns file and gain_db (0 to 100)") from None
-
-
-def _iso(path: Path) -> float:
-    with Image.open(path) as picture:
-        value: Any = picture.getexif().get_ifd(_EXIF).get(_ISO, math.nan)
-    return float(value)
 
 
 def _central(path: Path) -> Picture:

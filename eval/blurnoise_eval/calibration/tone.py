@@ -15,14 +15,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from scipy.interpolate import PchipInterpolator
 
 from blurnoise._core.files import read_samples
 from blurnoise.camera.colour import Points
+from blurnoise_eval.calibration.bracket import listed
 from blurnoise_eval.calibration.frames import Floats
 from blurnoise_eval.calibration.headers import refuse
-from blurnoise_eval.calibration.listing import table_reader, with_points
 from blurnoise_eval.calibration.response import (
     BRIGHTEST,
     DARKEST,
@@ -36,13 +35,10 @@ from blurnoise_eval.calibration.steady import MOST_PX, displacements_px
 from blurnoise_eval.calibration.to_camera import Known
 from blurnoise_eval.calibration.uncertain import Z
 from blurnoise_eval.datasets import decode
-from blurnoise_eval.system.files import inside
 
 FEWEST = 3
 FEWEST_FIELDS = 3
 """Fewest fields of a grey scale; two would be a straight line."""
-_LIST, _SUFFIXES = "frames.csv", (".png", ".jpg", ".jpeg", ".tif", ".tiff")
-_EXIF, _EXPOSURE, _F_NUMBER, _ISO = 0x8769, 33434, 33437, 34855
 _MOST = 20_000  # values of a picture, at equal distances
 _ENDS = 16  # values at both ends that a bracket need not contain
 _LEAST_COMMON = 128  # values of 256 that two pictures must share
@@ -104,15 +100,15 @@ def measure_tone(path: Path) -> Tone:
     """
     if not path.is_dir():
         return _of_scale(path)
-    files, exposures = read_bracket(path)
-    pictures, shape = [], None
-    for file in files:
-        picture = decode(file)
+    shots, pictures, shape = listed(path), [], None
+    for shot in shots:
+        picture = decode(shot.file)
         must = "must have the size and the channels of the pictures before"
-        refuse(picture.shape != (shape or picture.shape), f"{file}: {must}")
+        refuse(picture.shape != (shape or picture.shape), f"{shot.file}: {must}")
         shape = picture.shape
         pictures.append(np.rint(picture / (1 if picture.dtype == np.uint8 else 257)).astype(np.uint8))
-    return fit_tone(pictures, exposures, [file.name for file in files], str(path))
+    exposures = np.array([shot.exposure for shot in shots])
+    return fit_tone(pictures, exposures, [shot.name for shot in shots], str(path))
 
 
 def stops_between(points: Points, low: int = _DARK, high: int = _MIDDLE) -> float:
@@ -264,37 +260,3 @@ def _points(logs: Floats, top: int = BRIGHTEST, clip: float = 255.0) -> Points:
             rising.append(int(value))
     points = [(round(float(light[value]), 7), round(value / 255, 5)) for value in rising]
     return (*points, (1.0, round(clip / 255, 5)))
-
-
-def read_bracket(folder: Path) -> tuple[list[Path], Floats]:
-    """Pictures and their exposures, s, from frames.csv (file, exposure_s), or from EXIF, with ISO and f-number.
-
-    Raises ``ValueError`` naming what is missing.
-    """
-    if (folder / _LIST).is_file():
-        reader = table_reader(folder / _LIST)
-        names = [name.strip() for name in next(reader, [])]
-        rows = [dict(zip(names, with_points(cells, reader), strict=False)) for cells in reader if any(cells)]
-        try:
-            taken = [(folder / inside(row["file"].strip()), float(row["exposure_s"])) for row in rows]
-        except (KeyError, TypeError, ValueError, AttributeError):
-            raise ValueError(
-                f"{folder / _LIST}: must have the columns file and exposure_s (a number)"
-            ) from None
-    else:
-        files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in _SUFFIXES]
-        taken = [(path, _exposure_of(path)) for path in files]
-    for path, exposure in taken:
-        refuse(
-            not 0 < exposure < math.inf,
-            f"{path}: the exposure time is missing; add it to EXIF or to {_LIST} (file, exposure_s)",
-        )
-    return [path for path, _ in taken], np.array([exposure for _, exposure in taken])
-
-
-def _exposure_of(path: Path) -> float:
-    """Exposure time, times ISO over the squared f-number if EXIF has them; NaN without a time."""
-    with Image.open(path) as picture:
-        tags = picture.getexif().get_ifd(_EXIF)
-    time = float(tags.get(_EXPOSURE, math.nan))
-    return time * float(tags.get(_ISO) or 100) / 100 / float(tags.get(_F_NUMBER) or 1) ** 2

@@ -15,17 +15,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import torch
-from PIL import Image, UnidentifiedImageError
 
 from blurnoise.camera import Camera
 from blurnoise.camera.colour import PictureTone, untoned
 from blurnoise.camera.radiometry import photoelectrons
+from blurnoise_eval.datasets.exif import exif_exposure
 
-_EXIF, _TIME, _F_NUMBER, _ISO, _KIND = 0x8769, 33434, 33437, 34855, 34864
-_KINDS = {1: "SOS", 2: "REI", 3: "ISO speed", 4: "SOS, REI"}
 _VALUE, _LX_S, _LENS = 118 / 255, 10.0, 0.65
 _MUST = "must be time, ISO and f-number, such as 1/30,200,f2.8"
 MOST_READ = 1000
@@ -65,13 +63,8 @@ class Taken:
     @classmethod
     def of_file(cls, path: Path) -> Self | None:
         """From a picture's EXIF; None where it lacks one of the three, or is no picture that Pillow reads."""
-        with suppress(OSError, UnidentifiedImageError, ValueError, TypeError, ZeroDivisionError, SyntaxError):
-            with Image.open(path) as picture:
-                tags = picture.getexif().get_ifd(_EXIF)
-            iso: Any = tags.get(_ISO, 0)
-            iso = iso[0] if isinstance(iso, tuple) else iso
-            kind = _KINDS.get(tags.get(_KIND, 0), "")
-            return cls(float(tags.get(_TIME, 0)), float(iso), float(tags.get(_F_NUMBER, 0)), kind)
+        with suppress(OSError, ValueError, SyntaxError):
+            return cls(*exif_exposure(path))
         return None
 
     def lux(self, tone: PictureTone) -> float:

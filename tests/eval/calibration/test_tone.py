@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from blurnoise_eval.calibration.tone import fit_tone, measure_tone, read_bracket
+from blurnoise_eval.calibration.bracket import listed
+from blurnoise_eval.calibration.tone import fit_tone, measure_tone
 from blurnoise_eval.datasets import decode, write_picture
 from commands import main
 from PIL import Image
@@ -175,7 +176,8 @@ BRACKET = Path(__file__).parents[4] / "shared/real/bracket_window"
 @pytest.mark.skipif(not BRACKET.is_dir(), reason="no photographs here")
 def test_halves_of_a_real_bracket_predict_the_other():
     """Mean green within 2.5 of 255: its shutter is off by up to 2 %, which is worth 1."""
-    files, exposures = read_bracket(BRACKET)
+    shots = listed(BRACKET)
+    files, exposures = [shot.file for shot in shots], np.array([shot.exposure for shot in shots])
     pictures = [decode(file)[::2, ::2] for file in files]
     green = np.stack([picture[..., 1].ravel() for picture in pictures])
     times, every = np.log(exposures), np.arange(len(files))
