@@ -3,6 +3,7 @@
 Domain: luma (H, W) of 8 bits; displacements in px, right and down. Both pictures of a pair are turned into the
 logarithm of light and compared, by the enhanced correlation coefficient, where neither clips: Evangelidis and
 Psarakis, Parametric Image Alignment Using Enhanced Correlation Coefficient Maximization, IEEE PAMI 30, 2008.
+Phase correlation (:mod:`.bracket`), which finds larger moves, takes the equal steps of a grey scale for them.
 """
 
 from __future__ import annotations

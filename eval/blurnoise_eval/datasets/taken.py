@@ -57,8 +57,8 @@ class Taken:
             time, iso, f_number = (part.strip() for part in text.split(","))
             f_number = f_number.lower().removeprefix("f").removeprefix("/")
             return cls(float(Fraction(time)), float(iso), float(f_number))
-        except (ValueError, ZeroDivisionError) as error:
-            raise ValueError(f"taken = {text!r}: {_MUST} ({error})") from None
+        except (ValueError, ZeroDivisionError):
+            raise ValueError(f"taken = {text!r}: {_MUST}") from None
 
     @classmethod
     def of_file(cls, path: Path) -> Self | None:

@@ -3,8 +3,8 @@
 Domain: N lines, each a light, speed and whatever else a grid combines, at E exposures, s; scores in the criterion's
 unit. A cell (n, e) is a condition of the grid, by its line and exposure.
 
-A surface through the measured cells (:class:`~.surface.Kriging`) says where to measure next, and nothing else: beside
-a cliff, as where white saturates, it errs by .1 and more. Answers are of measured cells only.
+A surface through the measured cells (:class:`~.surface.Kriging`) says where to measure next, and what the rest may
+gain at most: beside a cliff, as where white saturates, it errs by .1 and more. Scores are of measured cells only.
 """
 
 from __future__ import annotations
