@@ -2,7 +2,7 @@
 
 Domain: mean values of the lamp's region in consecutive frames, (..., N), black level removed; results have the
 leading shape. They are of the numbers as they are: linear ones and coded ones differ. Names are those of IEEE Std
-2020-2024, definitions those of the reference implementation by members of its working group (on GitHub,
+2020-2024, definitions those of an implementation that calls itself the reference (on GitHub,
 CARpublic/P2020-flicker).
 All raise ``TypeError`` or ``ValueError`` that names the argument.
 """
