@@ -67,9 +67,9 @@ def inspect(
 
     FIELD is one of: family (or base), classes (coco80, coco91 or a/b/c), colour (rgb, bgr, grey), value_range (or
     range: 0-1, 0-255), mean and std (1/2/3, in that range and colour order), resize (letterbox, letterbox-top-left,
-    stretch, none), pad_value (or pad), input_size_px (or size: 416x640, height first), nms_iou (or iou), outputs
-    (their columns: picture/xyxy/score/class). A contract file may consist of "base: yolox" and the fields that
-    differ.
+    stretch, none), resize_filter (or filter: bilinear, area, antialiased), pad_value (or pad), input_size_px (or
+    size: 416x640, height first), nms_iou (or iou), outputs (their columns: picture/xyxy/score/class). A contract file
+    may consist of "base: yolox" and the fields that differ.
 
     PRESET is the name of a family, such as yolox, yolov8, rtdetr or tfod, or ppocr for text recognisers. The error
     for an unknown name lists all presets.

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.contracts.mirrored_views import detected, shifted_classes
+from blurnoise_eval.contracts.reduced_noise import resize_doubt
 from blurnoise_eval.contracts.variants import FACTORS, Image, Known, Variant, factors, other_inputs
 from blurnoise_eval.datasets import PictureSet, sample
 from blurnoise_eval.detectors.contract import EXPORTER, Contract
@@ -134,7 +135,10 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> ContractCompariso
         final, sources, doubts = variants[0], {}, wrong
     contract = replace(final.contract, sources={**detector.contract.sources, **sources})
     n_variants = len(variants) if count else 0
-    return ContractComparison(contract, (*notes, *doubts), n_variants, count or len(shown), inferences)
+    reduced = resize_doubt(detector.with_contract(contract), [image for image, _ in shown])
+    return ContractComparison(
+        contract, (*notes, *doubts, *[reduced] * bool(reduced)), n_variants, count or len(shown), inferences
+    )
 
 
 def _show(detector: Detector, variants: list[Variant], shown: Sequence[Known]) -> tuple[int, int]:

@@ -43,7 +43,7 @@ EXPORTER = "metadata of an Ultralytics export"
 
 SHORT_NAMES = {
     "base": "family", "color": "colour", "range": "value_range", "pad": "pad_value", "size": "input_size_px",
-    "iou": "nms_iou",
+    "filter": "resize_filter",    "iou": "nms_iou",
 }  # fmt: skip
 """Other names of fields, in a contract's file and on the command line."""
 
@@ -202,7 +202,9 @@ class Contract(Sourced):
     the first of three. value_range: "0-1" or "0-255".
     mean, std: per channel in the network's channel order and in that range; the input is (x - mean) / std.
     resize: "letterbox" (aspect kept, centred), "letterbox-top-left", "stretch", or "none" (the picture enters
-    at its own size). pad_value: grey around a letterboxed picture, 0 to 255. classes: names by class id.
+    at its own size). resize_filter: "bilinear" (OpenCV's, as the families' own code has it), "area" (OpenCV's), or
+    "antialiased" (bilinear of PIL, and of torchvision and transformers by default). pad_value: grey around a
+    letterboxed picture, 0 to 255. classes: names by class id.
     input_size_px: (height, width), or None where the graph says. nms_iou: overlap above which the weaker box
     of a class is dropped, None where the graph has dropped it itself. head: the anchors of a head that has them.
     outputs: their columns, as :mod:`blurnoise_eval.detectors.outputs` has them; None of a family that computes boxes.
@@ -227,6 +229,7 @@ class Contract(Sourced):
     mean: PerChannel = None
     std: Spread = None
     resize: Literal["letterbox", "letterbox-top-left", "stretch", "none"] = "letterbox"
+    resize_filter: Literal["bilinear", "area", "antialiased"] = "bilinear"
     pad_value: Annotated[int, Ge(0), Le(255)] = 114
     input_size_px: _Size = None
     nms_iou: Annotated[float | None, Ge(0), Le(1)] = 0.65

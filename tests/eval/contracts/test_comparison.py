@@ -7,6 +7,7 @@ import numpy as np
 import onnx
 import pytest
 from blurnoise_eval.contracts.comparison import compared, contracts_chosen, output_problems
+from blurnoise_eval.contracts.reduced_noise import resize_doubt
 from blurnoise_eval.contracts.variants import Variant
 from blurnoise_eval.datasets import image_folder, write_picture
 from blurnoise_eval.detectors.contract import INPUT_VALUES, Contract
@@ -210,3 +211,28 @@ def test_one_line_a_sweep_for_models_with_the_same_doubt(tmp_path, reds, capsys,
     assert text.startswith("first: doubtful contract: values may be wrong")
     assert text.endswith("The same fields of second")
     assert max(map(len, lines)) <= 80
+
+
+# --- the filter of pictures that become smaller ---
+
+
+@pytest.mark.parametrize(("side_px", "stops"), [(96, "1.6"), (64, None)], ids=["thirds", "halves"])
+def test_a_filter_that_nobody_stated_is_doubted_where_it_keeps_noise(side_px, stops, tmp_path):
+    """Of three pixels bilinear takes the middle one, of two it is the mean, as the others."""
+    constant_graph(tmp_path / "m.onnx", [np.zeros((1, 84, 21), np.float32)], (32, 32))
+    detector = Detector(tmp_path / "m.onnx", contract="yolov8,size=32")
+    doubt = resize_doubt(detector, [np.zeros((side_px, side_px, 3), np.uint8)])
+    assert ("resize_filter = bilinear" in doubt and f"about {stops} stops" in doubt) if stops else doubt == ""
+
+
+def test_a_filter_that_somebody_stated_is_not_doubted(tmp_path):
+    constant_graph(tmp_path / "m.onnx", [np.zeros((1, 84, 21), np.float32)], (32, 32))
+    detector = Detector(tmp_path / "m.onnx", contract="yolov8,size=32,filter=bilinear")
+    assert resize_doubt(detector, [np.zeros((96, 96, 3), np.uint8)]) == ""
+
+
+def test_a_run_s_comparison_names_the_filter(tmp_path):
+    constant_graph(tmp_path / "m.onnx", [np.zeros((1, 84, 21), np.float32)], (32, 32))
+    detector = Detector(tmp_path / "m.onnx", contract="yolov8,size=32")
+    doubts = compared(detector, [(np.zeros((96, 96, 3), np.uint8), None)]).doubts
+    assert any(doubt.startswith("resize_filter = bilinear") for doubt in doubts)

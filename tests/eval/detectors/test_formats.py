@@ -157,6 +157,29 @@ def test_pictures_are_laid_in_as_the_contract_says(resize, top, colour, order, v
     np.testing.assert_allclose(placement.to_picture(box + np.float32([-99, -99, 99, 99])), [[0, 0, 96, 33]])
 
 
+@pytest.mark.parametrize(
+    ("resize_filter", "share"),
+    [("bilinear", 1.0), ("area", 1 / 9), ("antialiased", 1 / 9)],
+    ids=["one_pixel_of_nine", "all_nine", "pil"],
+)
+def test_what_remains_of_a_hot_pixel_is_the_filter_s(resize_filter, share):
+    """In the middle of nine pixels that become one; PIL's triangle gives its middle 1/9, as its neighbours 2/27."""
+    contract = Contract("yolov8", ("a",), value_range="0-255", resize="stretch", resize_filter=resize_filter)
+    image = np.zeros((27, 27, 3), np.uint8)
+    image[13, 13] = 225
+    blob, _ = lay_in(image, contract, (9, 9))
+    np.testing.assert_allclose(blob[0, :, 4, 4], 225 * share, atol=0.5)
+
+
+def test_area_enlarges_as_bilinear_does():
+    image = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    area, bilinear = (
+        lay_in(image, Contract("yolov8", ("a",), resize="stretch", resize_filter=name), (9, 9))[0]
+        for name in ("area", "bilinear")
+    )
+    np.testing.assert_array_equal(area, bilinear)
+
+
 # --- several classes of one box ---
 
 SIDES_PX, NAMES = (64, 96), ("lorry", "car", "bus")

@@ -11,6 +11,7 @@ import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import parser
+from PIL import Image
 
 from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.records import FloatArray
@@ -242,8 +243,7 @@ def lay_in(
     ``size_px``: the input's (H, W), which ``resize`` "none" replaces by the picture's. ``out``: a buffer to
     fill, if its shape is right, instead of a new one. ``axes``: "nchw" (1, 3, H, W), "nhwc" or "chw".
     ``dtype``: float32, or uint8 where the contract leaves values as they are.
-    Resizing is bilinear, as the families' own code does it. Raises ``TypeError`` for anything but uint8,
-    ``ValueError`` for a wrong shape.
+    Raises ``TypeError`` for anything but uint8, ``ValueError`` for a wrong shape.
 
     >>> from blurnoise_eval import STOP_SIGN, Detector
     >>> contract = Detector(STOP_SIGN).contract  # letterboxed to 320 x 320 px
@@ -262,7 +262,7 @@ def lay_in(
     centred = contract.resize == "letterbox"
     top, left = ((size_px[0] - new_height) // 2, (size_px[1] - new_width) // 2) if centred else (0, 0)
     if (new_height, new_width) != (height, width):
-        image = cv2.resize(image, (new_width, new_height), interpolation=cv2.INTER_LINEAR)
+        image = resized(image, (new_width, new_height), contract.resize_filter)
 
     grey = contract.colour == "grey"
     image = np.ascontiguousarray(image)
@@ -286,3 +286,16 @@ def lay_in(
         if mean:
             window -= np.float32(mean / std)
     return blob, Placement(width, height, new_width / width, new_height / height, left, top)
+
+
+def resized(image: NDArray[np.uint8], size_px: tuple[int, int], resize_filter: str) -> NDArray[np.uint8]:
+    """An RGB picture (h, w, 3) at another size (width, height), by a filter of ``Contract.resize_filter``.
+
+    In a smaller picture, "bilinear" takes four pixels of the larger one for each of its own, however many there are.
+    "area" and "antialiased" average them all, and with them the noise.
+    """
+    if resize_filter == "antialiased":
+        return np.asarray(Image.fromarray(image).resize(size_px, Image.Resampling.BILINEAR))
+    shrinks = size_px[0] <= image.shape[1] and size_px[1] <= image.shape[0]
+    method = cv2.INTER_AREA if resize_filter == "area" and shrinks else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, size_px, interpolation=method), np.uint8)

@@ -18,6 +18,8 @@ BACKGROUND_FIRST = (
 )
 """The same of those that count classes from 1."""
 _STRETCHED = {"resize": "stretch"}
+# Their code resizes with PIL, or with torchvision, which antialiases by default since 0.17.
+_ANTIALIASED: dict[str, Any] = {"resize": "stretch", "resize_filter": "antialiased"}
 _NORMALISED: dict[str, Any] = {"mean": IMAGENET[0], "std": IMAGENET[1], "resize": "stretch"}
 _AS_IT_IS: dict[str, Any] = {"resize": "none", "input_size_px": None}
 
@@ -76,25 +78,25 @@ YOLOV4 = _dense(
 # classes.
 HF_RTDETR = _family(
     "hfrtdetr", COCO80, "logits: scores by sigmoid; pred_boxes: cxcywh in shares", "logits: b n C, pred_boxes: b n 4",
-    preset=_STRETCHED, several_classes=True,
+    preset=_ANTIALIASED, several_classes=True,
 )  # fmt: skip
 # transformers' Deformable, Conditional and DAB DETR.
 HF_DEFORMABLE = _family(
     "deformabledetr", COCO91, "logits: scores by sigmoid; pred_boxes: cxcywh in shares",
     "logits: b n C, pred_boxes: b n 4",
-    preset={"input_size_px": (800, 800), **_NORMALISED}, several_classes=True,
+    preset={"input_size_px": (800, 800), **_NORMALISED, **_ANTIALIASED}, several_classes=True,
 )  # fmt: skip
 # transformers' DETR, YOLOS and Table Transformer, and DETR's own code. Its PostProcess: max over the classes.
 DETR = _family(
     "detr", COCO91, "*logits: scores by softmax, background; pred_boxes: cxcywh in shares",
     "*logits: b n C+1, pred_boxes: b n 4, ...",
-    preset={"input_size_px": (800, 800), **_NORMALISED},
+    preset={"input_size_px": (800, 800), **_NORMALISED, **_ANTIALIASED},
 )  # fmt: skip
 # By name: with four classes both are 4 wide. Its PostProcess: the best of all queries and classes. Of own classes it
 # has one column more, the background; the 91 of COCO are its numbers, of which 0 is none.
 RFDETR = _family(
     "rfdetr", COCO91, "labels: scores by sigmoid; dets: cxcywh in shares", "labels: b n C, dets: b n 4",
-    preset={"input_size_px": (560, 560), **_NORMALISED},
+    preset={"input_size_px": (560, 560), **_NORMALISED, **_ANTIALIASED},
     several_classes=True, background_last=True,
 )  # fmt: skip
 # RT-DETR of Ultralytics up to 8.3, and from 8.4 on. RTDETRPredictor: scale_fill; of a box the best class.
@@ -165,7 +167,7 @@ RTDETR = _family(
     "labels: b n, boxes: b n 4, scores: b n",
     "with orig_target_sizes, n int, n 4, n float, ...",
     "without chw, labels: n int, boxes: n 4, scores: n float",
-    preset=_STRETCHED,
+    preset=_ANTIALIASED,
     unknown="whether it takes mean and std of ImageNet, as DEIMv2 does where its backbone is DINOv3",
 )
 # torchvision's detectors, of one picture [3, H, W]; px of the picture that was fed, numbers from 1 on. The outputs'
