@@ -13,9 +13,10 @@ from itertools import permutations
 
 from blurnoise_eval.answers.choosing import SATURATED
 from blurnoise_eval.answers.rows import AnswerRow
-from blurnoise_eval.plan.axes import EXPOSURE
+from blurnoise_eval.plan.axes import EXPOSURE, LIGHT, Axis
 from blurnoise_eval.plots.style import line_colours, spread
 from blurnoise_eval.report.run import RunData
+from blurnoise_eval.report.settings import axis_label
 from blurnoise_eval.store.columns import AxisValues
 from blurnoise_eval.store.rows import CellRow, Example, ScoreRow
 
@@ -46,8 +47,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Figure:
-    """The mean score over the exposure, a line for each light or speed. x, y: place and text of the ticks; level:
-    the height of the criterion."""
+    """The mean score, with a line for each light, speed or model. x, y: place and text of the ticks; level: the
+    height of the criterion."""
 
     title: str
     x_title: str
@@ -57,61 +58,103 @@ class Figure:
     level: float
 
 
+@dataclass(frozen=True)
+class _Curves:
+    """What is drawn. of: what a title begins with; over: and ends with; ticks: values of the axis to choose from;
+    curves: by their names the scores, and the exposure to use with its score."""
+
+    of: str
+    over: str
+    axis: Axis
+    ticks: Sequence[float]
+    curves: dict[str, tuple[dict[float, float], Place | None]]
+
+
 def main_figure(data: RunData, model: str | None) -> Figure | None:
-    """The figure of one model, a line for each speed where there is one light; None where no exposures can be
-    compared."""
+    """The figure of one model over the exposure, a line for each light, or speed where there is one light.
+
+    Of one exposure it is over the light, a line for each model, or speed where there is one model. None where nothing
+    can be compared.
+    """
+    drawn = _over_light(data) if len(data.axes[0].values) == 1 else _over_exposure(data, model)
+    curves = {name: curve for name, curve in drawn.curves.items() if len(curve[0]) > 1}
+    every = sorted({at for means, _ in curves.values() for at in means})
+    if not every or not all(0 < at < math.inf for at in every):
+        return None
+    most = max(1.0, *(value for means, _ in curves.values() for value in means.values()))
+    low, high = math.log(every[0]), math.log(every[-1])
+
+    def place(at: float, value: float) -> Place:
+        share = (math.log(at) - low) / (high - low)
+        across, up = share * (WIDTH - LEFT - RIGHT), (1 - value / most) * (HEIGHT - TOP - BOTTOM)
+        return round(LEFT + across, 1), round(TOP + up, 1)
+
+    colours = zip(
+        line_colours("viridis", len(curves)), line_colours("viridis", len(curves), dark=True), strict=True
+    )
+    lines = tuple(
+        Line(name, *both, tuple(place(*each) for each in sorted(means.items())), chosen and place(*chosen))
+        for (name, (means, chosen)), both in zip(curves.items(), colours, strict=True)
+    )
+    shown = spread([at for at in drawn.ticks if every[0] <= at <= every[-1]], MOST_TICKS)
+    ticks = tuple((place(at, 0)[0], f"{drawn.axis.shown(at):g}") for at in shown)
+    heights = tuple((place(every[0], value)[1], f"{value:g}") for value in (0.0, 0.5, 1.0))
+    title = drawn.of + data.criterion.title + drawn.over
+    title = title if drawn.of else title[0].upper() + title[1:]
+    level = place(every[0], data.criterion.level)[1]
+    return Figure(title, axis_label(drawn.axis), lines, ticks, heights, level)
+
+
+def _over_exposure(data: RunData, model: str | None) -> _Curves:
     by_speed = len(data.settings.every) == 1
 
     def line_of(at: AxisValues) -> tuple[float, ...]:
         return (round(float(data.speed.of(at)), 6),) if by_speed else data.settings.of(at)
 
+    def name_of(setting: tuple[float, ...]) -> str:
+        if by_speed:
+            return data.speed.text(setting[0])
+        axes = zip(data.settings.axes, setting, strict=True)
+        return " · ".join(data.settings.short_text(axis, value) for axis, value in axes)
+
     answers: dict[tuple[float, ...], list[AnswerRow]] = {}
     for answer in data.answers:
         if answer.model == model:
             answers.setdefault(line_of(answer.conditions), []).append(answer)
-    means = {
-        key: found for key in spread(sorted(answers), MOST_LINES) if len(found := _means(answers[key])) > 1
-    }
-    exposures = sorted({at for found in means.values() for at in found})
-    if not exposures or not all(0 < at < math.inf for at in exposures):
-        return None
-    most = max(1.0, *(value for found in means.values() for value in found.values()))
-    low, high = math.log(exposures[0]), math.log(exposures[-1])
-
-    def x_of(exposure_s: float) -> float:
-        share = (math.log(exposure_s) - low) / (high - low)
-        return round(LEFT + share * (WIDTH - LEFT - RIGHT), 1)
-
-    def y_of(value: float) -> float:
-        return round(TOP + (1 - value / most) * (HEIGHT - TOP - BOTTOM), 1)
-
     chosen = {
         (round(row.speed or 0.0, 6),) if by_speed else data.settings.of(row.conditions): row
         for row in data.recommendations
         if row.model == model and row.scope == ("condition" if by_speed else "light")
     }
-    colours = zip(
-        line_colours("viridis", len(means)), line_colours("viridis", len(means), dark=True), strict=True
-    )
-    lines = []
-    for (setting, found), (colour, by_night) in zip(means.items(), colours, strict=True):
-        use = chosen.get(setting)
+    curves = dict[str, tuple[dict[float, float], Place | None]]()
+    for setting in spread(sorted(answers), MOST_LINES):
+        means, use = _means(answers[setting]), chosen.get(setting)
         # With the score of the table, which is below the line: corrected for having been chosen.
-        dot = (x_of(use.exposure_s), y_of(use.score.known)) if use and use.exposure_s in found else None
-        points = tuple((x_of(at), y_of(value)) for at, value in sorted(found.items()))
-        if by_speed:
-            name = data.speed.text(setting[0])
-        else:
-            axes = zip(data.settings.axes, setting, strict=True)
-            name = " · ".join(data.settings.short_text(axis, value) for axis, value in axes)
-        lines.append(Line(name, colour, by_night, points, dot))
-    grid = [at for at in data.axes[0].values[: data.axes[0].count] if exposures[0] <= at <= exposures[-1]]
-    ticks = tuple((x_of(at), f"{EXPOSURE.shown(at):g}") for at in spread(grid, MOST_TICKS))
-    heights = tuple((y_of(value), f"{value:g}") for value in (0.0, 0.5, 1.0))
-    title = data.criterion.title[0].upper() + data.criterion.title[1:]
-    title = f"{model}: {data.criterion.title}" if len(data.model_names) > 1 else title
-    title += f" over the exposure, mean of {'' if by_speed else 'speeds and '}kinds of target"
-    return Figure(title, "Exposure / ms", tuple(lines), ticks, heights, y_of(data.criterion.level))
+        dot = (use.exposure_s, use.score.known) if use and use.exposure_s in means else None
+        curves[name_of(setting)] = means, dot
+    over = f" over the exposure, mean of {'' if by_speed else 'speeds and '}kinds of target"
+    of = f"{model}: " if len(data.model_names) > 1 else ""
+    return _Curves(of, over, EXPOSURE, data.axes[0].values[: data.axes[0].count], curves)
+
+
+def _over_light(data: RunData) -> _Curves:
+    compared = len(data.model_names) > 1
+    scores = dict[str, dict[float, list[float]]]()
+    for answer in data.answers:
+        name = (
+            answer.model if compared else data.speed.text(round(float(data.speed.of(answer.conditions)), 6))
+        )
+        at = scores.setdefault(name, {}).setdefault(float(answer.conditions[LIGHT.name]), [])
+        at += [value for value in answer.confidence if value == value]
+    curves: dict[str, tuple[dict[float, float], Place | None]] = {
+        name: ({lux: sum(found) / len(found) for lux, found in scores[name].items() if found}, None)
+        for name in spread(list(scores), MOST_LINES)
+    }
+    exposure = EXPOSURE.text(data.axes[0].values[0])
+    speeds = "speeds and " if compared and data.axes[1].count > 1 else ""
+    over = f" at {exposure} over the light, mean of {speeds}kinds of target"
+    lights = sorted({lux for means, _ in curves.values() for lux in means})
+    return _Curves("", over, LIGHT, lights, curves)
 
 
 def _means(answers: Sequence[AnswerRow]) -> dict[float, float]:

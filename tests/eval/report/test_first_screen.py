@@ -43,8 +43,31 @@ def test_the_figure_of_one_light_has_a_line_for_each_speed(tmp_path):
     assert figure.title == "b: mean confidence over the exposure, mean of kinds of target"
 
 
-@pytest.mark.parametrize("shape", [{"exposures_s": (0.004,)}, {"groups": {}}])
-def test_without_two_exposures_or_targets_there_is_no_figure(tmp_path, shape):
+@pytest.mark.parametrize(
+    ("models", "lines"),
+    [(("a",), ["0 px/s", "600 px/s"]), (("a", "b"), ["a", "b"])],
+    ids=["speeds", "models"],
+)
+def test_the_figure_of_one_exposure_is_over_the_light(tmp_path, models, lines):
+    data = made_run(tmp_path, exposures_s=(0.004,), models=models, n_examples=0)
+    figure = first_screen.main_figure(data, "a")
+    assert [line.name for line in figure.lines] == lines
+    assert [text for _, text in figure.x] == ["10", "200"]
+    of_a = {"model": "a"} if len(models) == 2 else {"model": "a", "velocity_x_px_s": 0.0}
+    rows = [
+        {"model": row.model, "velocity_x_px_s": row.conditions["velocity_x_px_s"]} for row in data.answers
+    ]
+    chosen = [
+        answer.confidence[0]
+        for answer, row in zip(data.answers, rows, strict=True)
+        if answer.conditions["illuminance_lux"] == 200.0 and of_a.items() <= row.items()
+    ]
+    drawn = heights_to_scores(figure)(figure.lines[0].points[-1][1])
+    assert drawn == pytest.approx(sum(chosen) / len(chosen), abs=3e-3)
+
+
+@pytest.mark.parametrize("shape", [{"exposures_s": (0.004,), "lights_lux": (200.0,)}, {"groups": {}}])
+def test_without_two_conditions_or_targets_there_is_no_figure(tmp_path, shape):
     data = made_run(tmp_path, n_examples=0, **shape)
     assert first_screen.main_figure(data, opening(data).model) is None
     assert "<svg" not in write_report(data, tmp_path).read_text().split("</main>")[0]
