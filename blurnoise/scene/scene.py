@@ -187,8 +187,10 @@ def extremes(values: Tensor) -> tuple[float, float]:
     (0.25, 0.75)
     """
     plain = values.detach()
-    low, high = plain.aminmax() if plain.device.type != "cpu" else (plain.numpy().min(), plain.numpy().max())
-    return float(low), float(high)
+    if plain.device.type == "cpu":
+        return float(plain.numpy().min()), float(plain.numpy().max())
+    low, high = torch.stack(plain.aminmax()).tolist()  # one wait for the device
+    return low, high
 
 
 def _decoded(picture: NDArray[Any], encoding: PictureTone) -> Tensor:
