@@ -1,5 +1,7 @@
 """A picture's own tone curve, taken out before it is exposed: against curves written out here."""
 
+import csv
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ import torch
 from blurnoise import Camera, RandomExposure, Scene, simulate
 from blurnoise.camera.colour import toned, untoned
 
+CAMERA_TONES = Path(__file__).parents[1] / "data" / "camera_tones.csv"
 LIGHT = np.linspace(0.0, 1.0, 201)
 POINTS = (
     (0.0, 0.0),
@@ -49,12 +52,18 @@ def test_a_pictures_light_is_that_of_its_curve(name, coded):
     assert torch.allclose(frame, simulate(light, camera, encoding="linear", **given), rtol=1e-4)
 
 
-def test_the_typical_curve_has_the_stops_of_the_median_camera():
-    """3.5 from the value 128 to 16, and no more in a picture that is read by it."""
-    light = untoned(torch.tensor([16.0, 128.0], dtype=torch.float64) / 255, "typical")
-    assert float(torch.log2(light[1] / light[0])) == pytest.approx(3.5, abs=0.05)
-    assert toned(light, "typical").mul(255).tolist() == pytest.approx([16, 128])
-    assert toned(torch.tensor([0.0, 1.0]), "typical").tolist() == [0.0, 1.0]
+def test_the_typical_curve_is_the_median_of_the_measured_cameras():
+    """At each value the light relative to that of 128, in stops; the file has two decimals, the curve four."""
+    with CAMERA_TONES.open() as lines:
+        cameras = list(csv.DictReader(lines))
+    values = list(cameras[0])[3:]
+    measured = [np.median([float(camera[value]) for camera in cameras if camera[value]]) for value in values]
+    coded = torch.tensor(
+        [255.0 if value == "clip" else float(value) for value in values], dtype=torch.float64
+    )
+    stops = torch.log2(untoned(coded / 255, "typical") / untoned(coded[values.index("128")] / 255, "typical"))
+    assert stops.tolist() == pytest.approx(measured, abs=0.04)
+    assert len(cameras) == 15
 
 
 def test_points_are_inverted_and_level_parts_are_their_least_light():

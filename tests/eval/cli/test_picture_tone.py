@@ -61,7 +61,7 @@ def test_by_default_a_photograph_keeps_its_values_where_it_keeps_its_exposure(tm
         said[tone] = " ".join(capsys.readouterr().err.split())
         means[tone] = decode(tmp_path / "out.png").reshape(40, 60, -1).mean((0, 2))
         assert np.abs(means[tone] - ramp[0]).max() < 2
-    assert "tone: photographs are read by a typical camera's curve and written again (3.5 stops" in said[""]
+    assert "tone: photographs are read by a typical camera's curve and written again (3.8 stops" in said[""]
     assert "tone:" not in said["srgb"]
 
 
@@ -71,7 +71,7 @@ def test_a_camera_with_a_tone_of_its_own_keeps_it(tmp_path, scene, capsys, monke
     said = " ".join(capsys.readouterr().err.split())
     assert "typical camera's curve and written by the camera's own" in said
     assert main(["simulate", "coded.png", "-o", "typical.png", "--camera", "imx250m"]) == 0
-    assert np.abs(decode(tmp_path / "typical.png").astype(float) - decode(tmp_path / "out.png")).mean() > 10
+    assert np.abs(decode(tmp_path / "typical.png").astype(float) - decode(tmp_path / "out.png")).mean() > 3
 
 
 @pytest.mark.parametrize(
