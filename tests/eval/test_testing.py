@@ -40,6 +40,11 @@ def test_too_few_pictures_for_an_interval_print_none():
         assert_works(run(FAILS, low=None))
 
 
+def test_pictures_that_are_too_few_to_ever_tell_fail():
+    with pytest.raises(AssertionError, match=r"m, all, illuminance_lux 5.*: cannot tell, at best 0\.41"):
+        assert_works(run("cannot tell", low=None))
+
+
 @pytest.mark.parametrize("sure", [False, True])
 def test_what_the_pictures_cannot_tell_fails_where_it_must_be_sure(sure):
     open_run = run("works", "cannot tell")

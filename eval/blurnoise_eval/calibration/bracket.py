@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -114,7 +115,8 @@ def read_bracket(folder: Path) -> Bracket:
 
 
 def listed(folder: Path) -> list[Shot]:
-    """Pictures and exposures from frames.csv, else EXIF. Raises ``ValueError`` for one without an exposure time.
+    """Pictures and exposures from frames.csv, else EXIF. Raises ``ValueError`` for one without an exposure time, or
+    without the ISO or f-number that others state.
 
     Columns of frames.csv: file, exposure_s; optionally iso, f_number, speed_px_s and direction_deg (0 to the right,
     90 down).
@@ -126,48 +128,67 @@ def listed(folder: Path) -> list[Shot]:
         files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES]
         shots = [_of_exif(path) for path in files]
     refuse(not shots, f"{folder}: contains no pictures ({' '.join(SUFFIXES)})")
+    where = f"add it to EXIF or to {LIST} (file, exposure_s, iso, f_number)"
     for shot in shots:
-        known = 0 < shot.exposure_s < math.inf
-        refuse(
-            not known,
-            f"{shot.file}: the exposure time is missing; add it to EXIF or to {LIST} (file, exposure_s)",
-        )
-    return shots
+        named = sum(shot.file == other.file for other in shots)
+        refuse(named > 1, f"{folder / LIST}: {shot.name} is listed {named} times")
+        refuse(math.isnan(shot.exposure_s), f"{shot.file}: the exposure time is missing; {where}")
+        for name in ("exposure_s", "iso", "f_number"):
+            value = getattr(shot, name)
+            allowed = math.isnan(value) or 0 < value < math.inf
+            refuse(not allowed, f"{shot.file}: {name} = {value:g}: must be > 0")
+    # Of one camera and lens, what no picture states is the same in all; what only some state is not known of others.
+    for name, title in (("iso", "ISO"), ("f_number", "f-number")):
+        lacking = [str(shot.file) for shot in shots if math.isnan(getattr(shot, name))]
+        if 0 < len(lacking) < len(shots):
+            raise ValueError(f"{lacking[0]}: the {title} is missing, and others state it; {where}")
+    return [
+        replace(shot, iso=_or_usual(shot.iso, 100.0), f_number=_or_usual(shot.f_number, 1.0))
+        for shot in shots
+    ]
+
+
+def _or_usual(value: float, usual: float) -> float:
+    return usual if math.isnan(value) else value
+
+
+_NUMBERS = {
+    "exposure_s": math.nan,
+    "iso": math.nan,
+    "f_number": math.nan,
+    "speed_px_s": 0.0,
+    "direction_deg": 0.0,
+}
+"""Columns of frames.csv beside the file, and what an empty cell means."""
 
 
 def _of_table(folder: Path) -> list[Shot]:
-    reader = table_reader(folder / LIST)
+    reader, path = table_reader(folder / LIST), folder / LIST
     names = [name.strip().lower() for name in next(reader, [])]
     rows = [dict(zip(names, with_points(cells, reader), strict=False)) for cells in reader if any(cells)]
-    refuse(
-        not {"file", "exposure_s"} <= {*names}, f"{folder / LIST}: must have the columns file and exposure_s"
-    )
+    refuse(not {"file", "exposure_s"} <= {*names}, f"{path}: must have the columns file and exposure_s")
     shots = []
     for row in rows:
+        file = row.get("file", "").strip()
+        refuse(not file, f"{path}: a row ({', '.join(row.values())}) has no file")
         numbers = {}
-        for name, usual in (("exposure_s", math.nan), ("iso", 100.0), ("f_number", 1.0), ("speed_px_s", 0.0),
-                            ("direction_deg", 0.0)):  # fmt: skip
+        for name, usual in _NUMBERS.items():
             try:
-                numbers[name] = float(row.get(name) or usual)
-            except ValueError:
+                numbers[name] = float(Fraction(text)) if (text := (row.get(name) or "").strip()) else usual
+            except (ValueError, ZeroDivisionError, OverflowError):
                 raise ValueError(
-                    f"{folder / LIST}: {name} = {row[name]!r} of {row['file']}: must be a number"
+                    f"{path}: {name} = {text!r} of {file}: must be a number, such as 0.02 or 1/50"
                 ) from None
-        for name in ("iso", "f_number"):
-            allowed = 0 < numbers[name] < math.inf
-            refuse(not allowed, f"{folder / LIST}: {name} = {numbers[name]:g} of {row['file']}: must be > 0")
         speed, turn = numbers.pop("speed_px_s"), math.radians(numbers.pop("direction_deg"))
-        refuse(not abs(speed) < 1e7, f"{folder / LIST}: speed_px_s = {speed:g}: must be below 1e7")
+        refuse(not abs(speed) < 1e7, f"{path}: speed_px_s = {speed:g} of {file}: must be below 1e7")
         velocity = speed * math.cos(turn) + 0.0, speed * math.sin(turn) + 0.0
-        shots.append(Shot(folder / inside(row["file"].strip()), speed_px_s=velocity, **numbers))
+        shots.append(Shot(folder / inside(file), speed_px_s=velocity, **numbers))
     return shots
 
 
 def _of_exif(path: Path) -> Shot:
     exposure_s, iso, f_number, _ = exif_exposure(path)
-    return Shot(
-        path, exposure_s, 100.0 if math.isnan(iso) else iso, 1.0 if math.isnan(f_number) else f_number
-    )
+    return Shot(path, exposure_s, iso, f_number)
 
 
 def align(pictures: Sequence[Bytes], names: Sequence[str]) -> tuple[list[Bytes], list[str]]:

@@ -8,7 +8,7 @@ from blurnoise_eval.plan.files import PlanFile
 
 
 @settings(
-    PlanFile, "model", "images", "labels", "camera", "*", "grey_anchor", "picture_tone", "keep", "threads",
+    PlanFile, "model", "images", "labels", "limit", "camera", "*", "grey_anchor", "picture_tone", "keep", "threads",
     template=False,
 )  # fmt: skip
 def decide(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:

@@ -77,6 +77,7 @@ def simulate(
         taken = Taken.of_file(image)
     elif config.taken != NOT_TAKEN:
         taken = Taken.parse(config.taken)
+    incomplete = Taken.missing(image) if taken is None and config.taken is None else ""
     if taken is not None:
         lux = taken.lux(config.picture_tone or "srgb")
         config = replace(config, grid={**config.grid, LIGHT.name: (lux,)})
@@ -85,7 +86,7 @@ def simulate(
     _, by = default_tone.of_photographs(tone, inputs.camera(config.camera, config.cfa, colour=colour))
     if taken is not None and config.camera is None:  # in the place of the one that took it
         by, gain_db = taken.camera(by, lux)
-        if config.values(GAIN.name) == (0.0,):
+        if GAIN.name not in config.grid:
             config = replace(config, grid={**config.grid, GAIN.name: (gain_db,)})
     scene, exposure, cut, headlit = opened(config, light, by)
     options = TakeOptions(
@@ -119,6 +120,12 @@ def simulate(
     doubts = picture_doubts(image.parent, [image.name])
     if assumed:
         doubts = [default_tone.about(exposure.camera), *doubts]
+    if incomplete:
+        lux = config.at()[LIGHT.name]
+        doubts = [
+            f"{image.name}: {incomplete}, so the light is assumed: {lux:g} lux; set --taken or --lux",
+            *doubts,
+        ]
     camera = exposure.camera
     for about in filter(
         None, [camera_text(camera, colour=colour), inputs.about_lux(config.camera, camera), *doubts]

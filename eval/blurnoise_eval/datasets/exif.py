@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 from PIL import Image
 
 _EXIF, _TIME, _F_NUMBER, _ISO, _KIND = 0x8769, 33434, 33437, 34855, 34864
+_LARGE_ISO = {1: 34865, 2: 34866, 3: 34867, 4: 34866, 5: 34865, 6: 34866, 7: 34866}
+"""Tags of 32 bits with what the ISO is, by its kind; ISO itself has 16 and is 65535 where it is larger."""
 _KINDS = {1: "SOS", 2: "REI", 3: "ISO speed", 4: "SOS, REI"}
 
 
@@ -35,6 +37,8 @@ def exif_exposure(path: Path) -> ExifExposure:
     with Image.open(path) as picture:
         tags: Any = picture.getexif().get_ifd(_EXIF)
     time, iso, f_number = (_number(tags.get(tag)) for tag in (_TIME, _ISO, _F_NUMBER))
+    if iso >= 65535:
+        iso = _number(tags.get(_LARGE_ISO.get(tags.get(_KIND), 0)))
     return ExifExposure(time, iso, f_number, _KINDS.get(tags.get(_KIND), ""))
 
 

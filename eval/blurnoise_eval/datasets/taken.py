@@ -57,7 +57,7 @@ class Taken:
             time, iso, f_number = (part.strip() for part in text.split(","))
             f_number = f_number.lower().removeprefix("f").removeprefix("/")
             return cls(float(Fraction(time)), float(iso), float(f_number))
-        except (ValueError, ZeroDivisionError):
+        except (ValueError, ZeroDivisionError, OverflowError):
             raise ValueError(f"taken = {text!r}: {_MUST}") from None
 
     @classmethod
@@ -67,13 +67,26 @@ class Taken:
             return cls(*exif_exposure(path))
         return None
 
+    @staticmethod
+    def missing(path: Path) -> str:
+        """What a photograph's EXIF lacks, if it has a part of its exposure: "its EXIF lacks the f-number"; or ""."""
+        with suppress(OSError, ValueError, SyntaxError):
+            exif = exif_exposure(path)
+            names = {"exposure time": exif.exposure_s, "ISO": exif.iso, "f-number": exif.f_number}
+            lacks = [f"the {name}" for name, value in names.items() if not 0 < value < math.inf]
+            return f"its EXIF lacks {' and '.join(lacks)}" if 0 < len(lacks) < len(names) else ""
+        return ""
+
     def lux(self, tone: PictureTone) -> float:
         """Illuminance in which the photograph's white was, for pictures coded by ``tone``.
+
+        Linear pictures count as srgb: the standard's value is of a coded picture.
 
         >>> round(Taken(1 / 30, 100, 2.8).lux("srgb"))
         627
         """
-        light = float(untoned(torch.tensor([_VALUE], dtype=torch.float64), tone)[0])
+        coded: PictureTone = "srgb" if tone == "linear" else tone
+        light = float(untoned(torch.tensor([_VALUE], dtype=torch.float64), coded)[0])
         white_lx_s = _LX_S / self.iso / light
         return math.pi * white_lx_s * self.f_number**2 / (_LENS * self.exposure_s)
 
@@ -93,7 +106,11 @@ class Taken:
         if share > 1:
             sources |= {"transmission": "fitted to the photograph's ISO"}
             camera = camera.with_figures(transmission=camera.lens.transmission / share, sources=sources)
-        return camera, max(0.0, -20 * math.log10(share))
+        gain_db = max(0.0, -20 * math.log10(share))
+        if gain_db > camera.sensor.gain_max_db:
+            sources |= {"gain_max_db": "of the photograph's ISO"}
+            camera = camera.with_figures(gain_max_db=gain_db, sources=sources)
+        return camera, gain_db
 
     @property
     def text(self) -> str:

@@ -126,7 +126,7 @@ def decode(data: bytes, page: Page) -> NDArray[Any]:
     name = _INTERPRETATIONS.get(meaning, f"PhotometricInterpretation {meaning}")
     if page.one(_SUBFILE) & 1:
         raise ValueError("begins with a smaller copy of a picture, as raw files do")
-    if meaning not in (_READ_16 if bits > 8 else _READ_8):
+    if meaning not in (_READ_16 if bits > 8 else _READ_8) or (kind == 3 and meaning == _WHITE_IS_ZERO):
         raise ValueError(f"holds {name} with {bits} bits, which is not read; convert it to RGB")
     if samples > 4:
         raise ValueError(f"has {samples} channels; must have 1 to 4")
@@ -139,9 +139,8 @@ def decode(data: bytes, page: Page) -> NDArray[Any]:
         pixels = _by_pillow(data) if pixels is None and bits <= 8 else pixels
     if pixels is None:
         values = f"{bits}-bit {_FORMATS.get(kind, 'integers')}, compression {page.one(_COMPRESSION, 1)}"
-        raise ValueError(
-            f"holds {name}, {values}, which OpenCV cannot decode; save it as an 8- or 16-bit PNG"
-        )
+        advice = "32-bit floats, grey or RGB without alpha" if kind == 3 else "an 8- or 16-bit PNG"
+        raise ValueError(f"holds {name}, {values}, which OpenCV cannot decode; save it as {advice}")
     if pixels.dtype == np.uint16 and kind == 1:
         if 8 < bits < 16:  # OpenCV fills with zeros below
             pixels = np.round((pixels >> (16 - bits)) * (65535 / (2**bits - 1))).astype(np.uint16)
@@ -152,7 +151,9 @@ def decode(data: bytes, page: Page) -> NDArray[Any]:
             share = np.maximum(four[..., 3:], 1) / 65535
             pixels = np.round(np.minimum(four[..., :3] / share, 65535)).astype(np.uint16)
     elif kind in _FORMATS and pixels.dtype.kind != "f":
-        raise ValueError(f"holds {_FORMATS[kind]}; must hold unsigned ones of 8 or 16 bits")
+        raise ValueError(
+            f"holds {_FORMATS[kind]}; must hold unsigned ones of 8 or 16 bits, or floats in one plane"
+        )
     return pixels
 
 

@@ -80,7 +80,8 @@ def try_bracket(
         captured[place], moved = placed(captured[place], simulated[place])
         name = bracket.shots[place].name
         notes.append(f"{name}: in motion; moved by {moved} to lie over the scene at rest")
-    best = min(still, key=lambda place: abs(float(np.median(grey(captured[place]))) - _MIDDLE))
+    right = [place for place in still if place not in wrong]
+    best = min(right, key=lambda place: abs(float(np.median(grey(captured[place]))) - _MIDDLE))
     every = range(len(captured))
     trial = BracketTrial(
         name=folder.resolve().name,

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator
 
 from blurnoise_eval import label_formats
-from blurnoise_eval.plan.axes import AXES, LIGHT, MOVES, VELOCITY, axis, with_defaults
+from blurnoise_eval.plan.axes import AXES, GAIN, LIGHT, MOVES, VELOCITY, axis, with_defaults
 from blurnoise_eval.plan.exposure_settings import ExposureSettings
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.question import Question
@@ -99,7 +99,6 @@ class SceneFile(ExposureSettings):
         velocity_x_px_s=(0.0,),
         velocity_y_px_s=(0.0,),
         temperature_c=(25.0,),
-        gain_db=(0.0,),
     )
     PANEL = "Conditions: one number each"
     METAVAR = "NUMBER"
@@ -154,8 +153,8 @@ class SceneFile(ExposureSettings):
         return super()._arguments({**values, "taken": NOT_TAKEN} if stated else values)
 
     def at(self) -> dict[str, float]:
-        """The value of each axis, in SI units. Raises ``ValueError``."""
-        found = dict.fromkeys(VELOCITY, (0.0,)) | self.spanned
+        """The value of each axis, in SI units; of what is not stated nor the camera's, 0. Raises ``ValueError``."""
+        found = dict.fromkeys((*VELOCITY, GAIN.name), (0.0,)) | self.spanned
         for name, values in found.items():
             if len(values) > 1:
                 setting = "light" if name == LIGHT.name and self.light else axis(name).key

@@ -59,7 +59,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class _Curves:
+class _Drawn:
     """What is drawn. of: what a title begins with; over: and ends with; ticks: values of the axis to choose from;
     curves: by their names the scores, and the exposure to use with its score."""
 
@@ -105,7 +105,7 @@ def main_figure(data: RunData, model: str | None) -> Figure | None:
     return Figure(title, axis_label(drawn.axis), lines, ticks, heights, level)
 
 
-def _over_exposure(data: RunData, model: str | None) -> _Curves:
+def _over_exposure(data: RunData, model: str | None) -> _Drawn:
     by_speed = len(data.settings.every) == 1
 
     def line_of(at: AxisValues) -> tuple[float, ...]:
@@ -134,10 +134,10 @@ def _over_exposure(data: RunData, model: str | None) -> _Curves:
         curves[name_of(setting)] = means, dot
     over = f" over the exposure, mean of {'' if by_speed else 'speeds and '}kinds of target"
     of = f"{model}: " if len(data.model_names) > 1 else ""
-    return _Curves(of, over, EXPOSURE, data.axes[0].values[: data.axes[0].count], curves)
+    return _Drawn(of, over, EXPOSURE, data.axes[0].values[: data.axes[0].count], curves)
 
 
-def _over_light(data: RunData) -> _Curves:
+def _over_light(data: RunData) -> _Drawn:
     compared = len(data.model_names) > 1
     scores = dict[str, dict[float, list[float]]]()
     for answer in data.answers:
@@ -154,7 +154,7 @@ def _over_light(data: RunData) -> _Curves:
     speeds = "speeds and " if compared and data.axes[1].count > 1 else ""
     over = f" at {exposure} over the light, mean of {speeds}kinds of target"
     lights = sorted({lux for means, _ in curves.values() for lux in means})
-    return _Curves("", over, LIGHT, lights, curves)
+    return _Drawn("", over, LIGHT, lights, curves)
 
 
 def _means(answers: Sequence[AnswerRow]) -> dict[float, float]:

@@ -112,11 +112,20 @@ def test_large_pictures_are_reduced_with_a_note(tmp_path):
     ("table", "why"),
     [
         (None, "1.jpg: the exposure time is missing; add it to EXIF or to frames.csv"),
-        ("file,exposure_s\n0.jpg,0", "0.jpg: the exposure time is missing"),
+        ("file,exposure_s\n0.jpg,0", "0.jpg: exposure_s = 0: must be > 0"),
+        ("file,exposure_s\n0.jpg,", "0.jpg: the exposure time is missing"),
+        ("exposure_s,file\n0.1,0.jpg\n0.2", r"frames.csv: a row \(0.2\) has no file"),
+        ("file,exposure_s\n0.jpg,1\n0.jpg,2", "frames.csv: 0.jpg is listed 2 times"),
+        ("file,exposure_s,iso\n0.jpg,1,400\n1.jpg,1,", "1.jpg: the ISO is missing, and others state it"),
+        (
+            "file,exposure_s,f_number\n0.jpg,1,\n1.jpg,1,8",
+            "0.jpg: the f-number is missing, and others state it",
+        ),
+        ("file,exposure_s,direction_deg\n0.jpg,1,inf", "direction_deg = 'inf' of 0.jpg: must be a number"),
         ("file,time\n0.jpg,1", "must have the columns file and exposure_s"),
         ("file,exposure_s\n0.jpg,soon", "exposure_s = 'soon' of 0.jpg: must be a number"),
-        ("file,exposure_s,iso\n0.jpg,1,-100", "iso = -100 of 0.jpg: must be > 0"),
-        ("file,exposure_s,speed_px_s\n0.jpg,1,1e9", "speed_px_s = 1e.09: must be below 1e7"),
+        ("file,exposure_s,iso\n0.jpg,1,-100", "0.jpg: iso = -100: must be > 0"),
+        ("file,exposure_s,speed_px_s\n0.jpg,1,1e9", "speed_px_s = 1e.09 of 0.jpg: must be below 1e7"),
         ("file,exposure_s\n../0.jpg,1", "0.jpg"),
         ("file,exposure_s\n", "contains no pictures"),
     ],
@@ -130,3 +139,9 @@ def test_what_is_missing_or_wrong_is_one_line(tmp_path, scene, table, why):
     with pytest.raises(ValueError, match=why) as raised:
         read_bracket(folder)
     assert "\n" not in str(raised.value)
+
+
+def test_times_may_be_written_as_fractions(tmp_path, scene):
+    folder = made_brackets.save(tmp_path / "bracket", seen_from(scene, (0, 0)), (0.02,))
+    (folder / "frames.csv").write_text("file,exposure_s\n0.png,1/50\n")
+    assert listed(folder)[0].exposure_s == 0.02

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from blurnoise_eval.datasets import decode
+from blurnoise_eval.datasets.exif import exif_exposure
 from blurnoise_eval.datasets.taken import Taken, exif_text
 from commands import main, told
 from PIL import Image
@@ -27,7 +28,20 @@ def test_the_light_of_white_is_that_of_iso_12232():
     luminance = 10 / 200 * 2.8**2 / (0.65 / 30)
     srgb_18 = ((118 / 255 + 0.055) / 1.055) ** 2.4
     assert Taken.parse("1/30,200,f2.8").lux("srgb") == pytest.approx(math.pi * luminance / srgb_18)
-    assert Taken.parse("0.5, 100, 8").lux("linear") == pytest.approx(math.pi * 0.1 * 128 / 0.65 / (118 / 255))
+    assert Taken.parse("1/30,200,f2.8").lux("linear") == pytest.approx(
+        math.pi * luminance / srgb_18
+    )  # not coded
+
+
+@pytest.mark.parametrize(("kind", "tag"), [(1, 34865), (2, 34866), (3, 34867), (None, 34866)])
+def test_an_iso_beyond_16_bits_is_in_another_tag(tmp_path, kind, tag):
+    """ISO has 16 bits, and 65535 where what SensitivityType names is more; of no kind it is not known."""
+    path = photograph(tmp_path / "a.jpg", iso=65535, kind=kind)
+    with Image.open(path) as opened:
+        exif, picture = opened.getexif(), opened.copy()
+    exif.get_ifd(0x8769)[tag] = 102400
+    picture.save(path, exif=exif)
+    assert exif_exposure(path).iso == (102400 if kind else pytest.approx(math.nan, nan_ok=True))
 
 
 def test_exif_has_it_or_not(tmp_path):
@@ -44,7 +58,7 @@ def test_exif_has_it_or_not(tmp_path):
     assert text == f"2 of 5 photographs, taken in {lux:.2g} to {2 * lux:.2g} lux (median {2 * lux:.2g})"
 
 
-@pytest.mark.parametrize("text", ["1/30,200", "1/0,200,f2", "a,200,2", "1/30,0,2", "-1,200,2"])
+@pytest.mark.parametrize("text", ["1/30,200", "1/0,200,f2", "a,200,2", "1/30,0,2", "-1,200,2", "1e400,100,2"])
 def test_another_text_is_a_line(text):
     with pytest.raises(ValueError, match=r"taken = .*must be time, ISO and f-number, such as 1/30,200,f2.8"):
         Taken.parse(text)
@@ -87,3 +101,22 @@ def test_a_named_camera_stays_and_lux_prevail(tmp_path, capsys, monkeypatch):
     assert other["white_electrons"] == pytest.approx(2 * by_exif["white_electrons"])
     assert main([*map(str, words), "--lux", "100", "--taken", "1/30,200,f2.8"]) == 2
     assert "--taken, --lux: must not be combined" in capsys.readouterr().err
+
+
+def test_gain_is_the_photograph_s_unless_it_is_stated(tmp_path, capsys):
+    """0 dB is as good a statement as any."""
+    words = ["simulate", photograph(tmp_path / "photo.jpg", iso=3200), "-o", tmp_path / "out.png"]
+    assert told(capsys, *words)["gain_db"] > 10
+    assert told(capsys, *words, "--gain", 0)["gain_db"] == 0
+
+
+def test_an_iso_beyond_the_camera_s_gain_is_taken_all_the_same(tmp_path, capsys):
+    words = ["simulate", photograph(tmp_path / "photo.jpg"), "-o", tmp_path / "out.png"]
+    assert told(capsys, *words, "--taken", "1/30,102400,2.8")["gain_db"] > 48
+
+
+def test_a_part_of_an_exposure_is_named_with_what_it_lacks(tmp_path, capsys):
+    path = photograph(tmp_path / "photo.jpg", f_number=None)
+    assert main(["simulate", str(path), "-o", str(tmp_path / "out.png")]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "photo.jpg: its EXIF lacks the f-number, so the light is assumed: 100 lux" in said

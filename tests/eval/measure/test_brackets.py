@@ -192,6 +192,19 @@ def test_wrong_exif_is_named_and_not_compared(tmp_path, light):
 
 
 @pytest.mark.slow
+def test_the_one_photograph_is_not_one_of_wrong_exif(tmp_path, light):
+    """Also where that picture would be the best exposed of all."""
+    times = list(made_brackets.WIDE[5:17])
+    pictures = made_brackets.shots(light, times)
+    best = min(range(12), key=lambda place: abs(float(np.median(pictures[place])) - 118))
+    times[best] *= 1.6
+    trial = try_bracket(made_brackets.save(tmp_path / "wrong", pictures, times), [])
+    names = [shot.name for shot in trial.shots]
+    assert not trial.compared[BRACKET][names.index(f"{best}.png")]
+    assert sum(trial.compared[DEFAULTS]) == len(times) - 2
+
+
+@pytest.mark.slow
 def test_a_gap_grey_pictures_and_nothing_to_find_are_no_trouble(tmp_path, light, capsys):
     """One exposure is missing, there is no colour, and no sign."""
     times = tuple(time for time in made_brackets.TIMES if time != 1 / 32)
