@@ -112,7 +112,7 @@ def test_gain_is_the_photograph_s_unless_it_is_stated(tmp_path, capsys):
 
 def test_an_iso_beyond_the_camera_s_gain_is_taken_all_the_same(tmp_path, capsys):
     words = ["simulate", photograph(tmp_path / "photo.jpg"), "-o", tmp_path / "out.png"]
-    assert told(capsys, *words, "--taken", "1/30,102400,2.8")["gain_db"] > 48
+    assert told(capsys, *words, "--taken", "1/30,409600,2.8")["gain_db"] > 48
 
 
 def test_a_part_of_an_exposure_is_named_with_what_it_lacks(tmp_path, capsys):
