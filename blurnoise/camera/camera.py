@@ -60,7 +60,7 @@ class Camera:
         lens = self.lens
         return hash((lens.f_number, lens.defocus_radius_px, lens.diffraction_wavelength_um, self.sensor))
 
-    @property
+    @cached_property
     def optics(self) -> Optics:
         """The lens's blur that acts through its transfer function."""
         # Lenses have lengths on the sensor, transfer functions are per pixel: the pitch is between them.

@@ -44,7 +44,7 @@ class _ByTransferFunction(LightEffect):
         return Optics(**{self.cause: getattr(camera.optics, self.cause)})
 
     def idle(self, camera: Camera) -> bool:
-        return self.optics(camera) == SHARP
+        return bool(getattr(camera.optics, self.cause) == getattr(SHARP, self.cause))
 
     def bound(self, at: Resolved[float]) -> float:
         return self.optics(at.camera).error

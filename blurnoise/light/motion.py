@@ -193,7 +193,7 @@ class Motion(_Motion):
         """Grown by half the displacement to either side, or by what the path covers; of rows, the effect of these."""
         if at.camera.sensor.row_time_s:
             return boxes_xyxy
-        if (along := displacement(at).polyline) is not None:
+        if at.trajectories and (along := displacement(at).polyline) is not None:
             return boxes_xyxy + boxes_xyxy.new_tensor(along.box)
         half = boxes_xyxy.new_tensor(at.displacement_px).abs() / 2
         return boxes_xyxy + torch.cat([-half, half])

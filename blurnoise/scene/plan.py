@@ -159,8 +159,7 @@ def _plan(
     spread_dn = math.hypot(*(bounds[name] for name in bounds if name in spreading & left_out))
     rounding_dn2 = min(rounding_dn2, _rounding_dn2(camera, spread_dn))
     figures = frozenset(figure for each in every if each.name in left_out for figure in each.figures)
-    off = {figure: type(camera.figure(figure))() for figure in figures}  # 0, or no points
-    reduced = camera.with_figures(**off) if off else camera
+    reduced = _reduced(camera, figures) if figures else camera
     noisy = any(stage.draws and stage.name not in left_out for stage in of_sensor)
     kept = [effect for effect in of_light if effect.name not in left_out]
     hows = {effect.name: effect.how(replace(at, camera=reduced)) for effect in kept}
@@ -171,6 +170,12 @@ def _plan(
     )
     total = math.sqrt(rounding_dn2 + sum(each.contribution_dn**2 for each in contributions if not each.kept))
     return Plan(contributions, reduced, frozenset(left_out - stay - {shot}), noisy, total, tolerance_dn)
+
+
+@lru_cache(maxsize=256)
+def _reduced(camera: Camera, figures: frozenset[str]) -> Camera:
+    """The camera with these figures 0, or without points: one for all plans, since making a camera checks it."""
+    return camera.with_figures(**{figure: type(camera.figure(figure))() for figure in figures})
 
 
 def _of_fusion(camera: Camera, white_e: float) -> Contribution:

@@ -54,6 +54,11 @@ class Detections:
         """The detections with the highest-scoring class of each box, as shown to a user."""
         return self if self.leads is None else self[self.leads]
 
+    @property
+    def boxes(self) -> int:
+        """How many boxes there are, each counted once."""
+        return len(self) if self.leads is None else int(np.count_nonzero(self.leads))
+
     def __len__(self) -> int:
         return len(self.scores)
 

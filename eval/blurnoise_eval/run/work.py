@@ -10,7 +10,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby, pairwise, product
 from typing import NamedTuple
 
@@ -183,7 +183,7 @@ class Worker:
                 sight = (
                     each.clean
                     if frame.cell.conditions is None
-                    else each.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
+                    else each.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes, frame.invented)
                 )
                 of = frame, each.model.name, work.camera, sight, example, png, prepared.facts
                 yield cell_result(*of, lamp=self._lamp(frame))
@@ -237,7 +237,6 @@ def cell_result(
     rows = sight.targets
     if at is not None:
         blurs_px = [frame.own_px.get(row.target_id, own) for row, own in zip(rows, blurs_px, strict=True)]
-        rows = tuple(replace(row, inpainted_share=frame.invented.get(row.target_id, 0.0)) for row in rows)
     invented = [row.inpainted_share for row in rows if row.inpainted_share is not None]
     confidences = np.array([row.confidence for row in rows])
     row = CellRow(
@@ -247,7 +246,7 @@ def cell_result(
         n_targets=len(rows),
         target_confidence=float(confidences.mean()) if rows else None,
         detection_rate=float((confidences >= FOUND_SCORE).mean()) if rows else None,
-        n_detections=len(sight.detections.leading),
+        n_detections=sight.detections.boxes,
         saturated_share=frame.saturated,
         applied_exposure_s=None if taken is None else taken.exposure_s,
         applied_gain_db=None if taken is None else taken.gain_db,

@@ -6,7 +6,7 @@ Domain: 8-bit RGB pictures (H, W, 3); confidences in [0, 1]; boxes (left, top, r
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -89,15 +89,20 @@ class ModelOnPicture:
         self.clean = self.evaluate(image8)
 
     def evaluate(
-        self, image: Picture8, move_boxes: MoveBoxes | None = None, sweep_boxes: MoveBoxes | None = None
+        self,
+        image: Picture8,
+        move_boxes: MoveBoxes | None = None,
+        sweep_boxes: MoveBoxes | None = None,
+        invented: Mapping[int, float] | None = None,
     ) -> ModelOutput:
         """The model's answer to a picture, compared with its targets where ``move_boxes`` puts them, and with what
-        they cover, ``sweep_boxes``; None: they stay. One on which the model fails gives no rows, and the reason."""
+        they cover, ``sweep_boxes``; None: they stay. One on which the model fails gives no rows, and the reason.
+        invented: by the place of a target, the share of its background that was; None of the original picture."""
         before = self.model.non_finite_values_here
         started = time.perf_counter()
         detections, rows, wrong = NOTHING, list[TargetAnswer](), None
         try:
-            detections, rows = self._answer(self.model, image, move_boxes, sweep_boxes)
+            detections, rows = self._answer(self.model, image, move_boxes, sweep_boxes, invented)
         except ModelError as error:
             wrong = str(error)
         infer_ms = 1e3 * (time.perf_counter() - started)
@@ -106,7 +111,12 @@ class ModelOnPicture:
         )
 
     def _detect(
-        self, model: Any, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
+        self,
+        model: Any,
+        image: Picture8,
+        move_boxes: MoveBoxes | None,
+        sweep_boxes: MoveBoxes | None,
+        invented: Mapping[int, float] | None,
     ) -> tuple[Detections, list[TargetAnswer]]:
         found, own = model.detect_all(image)
         if not self._labelled:
@@ -127,12 +137,17 @@ class ModelOnPicture:
         every = confidences.tolist()
         swept = every[-len(boxes) :]  # of what the boxes cover, which follows them where it is more than they
         return found, [
-            self._answered(index, box, confidence=every[index], confidence_swept=swept[index])
+            self._answered(index, box, invented, confidence=every[index], confidence_swept=swept[index])
             for index, box in enumerate(boxes.tolist())
         ]
 
     def _read(
-        self, model: Any, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
+        self,
+        model: Any,
+        image: Picture8,
+        move_boxes: MoveBoxes | None,
+        sweep_boxes: MoveBoxes | None,
+        invented: Mapping[int, float] | None,
     ) -> tuple[Detections, list[TargetAnswer]]:
         boxes = self._boxes(move_boxes, image)
         rows = []
@@ -145,6 +160,7 @@ class ModelOnPicture:
             row = self._answered(
                 index,
                 box,
+                invented,
                 confidence=reading.confidence if reading.text == truth else 0.0,
                 truth=truth,
                 text=reading.text,
@@ -162,10 +178,14 @@ class ModelOnPicture:
         sizes = np.full((len(boxes), 2), image.shape[1::-1], float)
         return move_boxes(boxes, sizes, [target.label for _, target in self._targets])
 
-    def _answered(self, index: int, box_xyxy: Sequence[float], **answer: Any) -> TargetAnswer:
+    def _answered(
+        self, index: int, box_xyxy: Sequence[float], invented: Mapping[int, float] | None, **answer: Any
+    ) -> TargetAnswer:
         """The model's answer for one of the targets."""
         (number, target), (x0, y0, x1, y1) = self._targets[index], box_xyxy
-        return TargetAnswer(number, target.group, target.label, x0, y0, x1, y1, x1 - x0, y1 - y0, **answer)
+        about = number, target.group, target.label, x0, y0, x1, y1, x1 - x0, y1 - y0
+        share = None if invented is None else invented.get(number, 0.0)
+        return TargetAnswer(*about, inpainted_share=share, **answer)
 
 
 def _found_targets(clean: Detections, classes: Sequence[str]) -> list[tuple[int, Target]]:

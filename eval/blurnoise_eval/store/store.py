@@ -201,7 +201,7 @@ class Store:
             self._add_lamp_columns()
         with self._transaction() as db:
             _insert(db, "cells", (self._stored(result) for result in results))
-            _insert(db, "targets", (row.stored() for result in results for row in result.targets))
+            _insert(db, "targets", (row for result in results for row in _target_rows(result.targets)))
             images = {(result.cell.image,) for result in results}
             db.executemany("DELETE FROM skipped WHERE image = ?", images)
 
@@ -366,6 +366,13 @@ def _infinite(constant: str) -> float:
     if constant == "NaN":
         raise ValueError("NaN")
     return float(constant)
+
+
+def _target_rows(rows: Sequence[TargetRow]) -> Iterator[dict[str, Any]]:
+    """The rows of one cell and model by column; what they share is looked up once."""
+    shared = rows[0].stored() if rows else {}
+    for row in rows:
+        yield {**shared, "blur_px": row.blur_px, **row.target.stored()}
 
 
 def _insert(db: sqlite3.Connection, table: str, rows: Iterable[dict[str, Any]]) -> None:

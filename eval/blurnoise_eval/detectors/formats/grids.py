@@ -48,15 +48,14 @@ def _decode_yolox(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_s
     """
     rows = outputs[0][0]
     kept = np.flatnonzero(rows[:, 4] >= min_score)  # which NaN does not reach
-    rows_kept = rows[kept]
-    class_scores = rows_kept[:, 5:]
-    class_scores *= rows_kept[:, 4:5]
-    # Before anything is computed of the boxes, or which class leads them.
-    strong = np.flatnonzero(class_scores.max(axis=1) >= min_score)
-    class_scores = class_scores[strong]
+    rows = rows[kept]
+    # Before anything is computed of the boxes, or which class leads them; the product of the highest is the highest.
+    strong = np.flatnonzero(rows[:, 5:].max(axis=1) * rows[:, 4] >= min_score)
+    kept, rows = kept[strong], rows[strong]
+    class_scores, boxes = rows[:, 5:], rows[:, :4]
+    class_scores *= rows[:, 4:5]
     scores, class_ids = best_class(class_scores)
-    boxes = rows_kept[strong, :4]
-    column_row, stride = (values[kept[strong]] for values in grid(size_px))
+    column_row, stride = (values[kept] for values in grid(size_px))
     boxes[:, :2] += column_row
     with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
         np.exp(boxes[:, 2:], out=boxes[:, 2:])
