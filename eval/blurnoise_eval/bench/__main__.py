@@ -80,7 +80,7 @@ def bench(
         "augment": programs.augment,
     }
     if what == "sweep":
-        pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=8)
+        pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=20)
         detector = inputs.detector(model, contract)
         contests["sweep"] = partial(programs.sweep, detector, pictures, workers)
     result: contest.Result | laws.LawTable

@@ -67,7 +67,10 @@ class Contest:
 
 @dataclass(frozen=True)
 class ContestRow:
-    """A contender in a case: the quartiles of its time, the median relative to that of the first one, its error."""
+    """A contender in a case: the quartiles of its time, the median relative to that of the first one, its error.
+
+    cpu: median of the CPU time of all threads, which other processes disturb less; cpu_to_first, as to_first.
+    """
 
     case: str
     contender: str
@@ -76,6 +79,8 @@ class ContestRow:
     time: float
     high: float
     to_first: float
+    cpu: float
+    cpu_to_first: float
     error: float | None
 
 
@@ -100,12 +105,15 @@ class Result:
 
     def table(self) -> list[str]:
         """A line per case and contender."""
-        heads = ("case", "method", self.contest.unit, "to first", self.contest.error_unit)
+        heads = ("case", "method", self.contest.unit, "to first", "CPU", "to first", self.contest.error_unit)
         rows = [
-            (row.case, row.contender, digits(row.time), f"{row.to_first:.2f}", digits(row.error))
+            (
+                *(row.case, row.contender, digits(row.time), f"{row.to_first:.2f}"),
+                *(digits(row.cpu), f"{row.cpu_to_first:.2f}", digits(row.error)),
+            )
             for row in self.rows
         ]
-        return list(table_lines(heads, rows, (False, False, True, True, True)))
+        return list(table_lines(heads, rows, (False, False, *[True] * 5)))
 
     def chart(self) -> Figure:
         """A panel per case: time against error, both logarithmic; down and left is better. Without errors, time."""
@@ -160,24 +168,26 @@ def _rows(case: Case, seconds: float, progress: Progress) -> list[ContestRow]:
     # The first call, which may compile or fill caches, gives the result and is not timed.
     results = {each.name: each.call() for each in case.contenders}
     times_ms = in_turns_ms({each.name: each.call for each in case.contenders}, seconds, progress)
-    first_ms = float(np.median(times_ms[case.contenders[0].name]))
+    first = np.median(times_ms[case.contenders[0].name], axis=0)
     rows = []
     for each in case.contenders:
-        low, median, high = np.quantile(times_ms[each.name], (0.25, 0.5, 0.75)).tolist()
+        quartiles = np.quantile(times_ms[each.name], (0.25, 0.5, 0.75), axis=0)
+        to_first, cpu_to_first = (quartiles[1] / first).tolist()
         error = None if case.error is None else case.error(results[each.name])
-        low, time_ms, high = (quartile / case.units for quartile in (low, median, high))
-        rows.append(ContestRow(case.name, each.name, each.ours, low, time_ms, high, median / first_ms, error))
+        (low, _), (time_ms, cpu_ms), (high, _) = (quartiles / case.units).tolist()
+        times = low, time_ms, high, to_first, cpu_ms, cpu_to_first
+        rows.append(ContestRow(case.name, each.name, each.ours, *times, error))
     return rows
 
 
 def in_turns_ms(
     calls: Mapping[str, Callable[[], object]], seconds: float, progress: Progress
-) -> dict[str, list[float]]:
-    """Times of each call, ms, in rounds of all of them, as many as fit into ``seconds`` for each on average, from
-    ``FEWEST`` to ``MOST``, after one that does not count. ``progress`` receives each round's share."""
-    first_ms = sum(map(_time_ms, calls.values()))
+) -> dict[str, list[tuple[float, float]]]:
+    """Times of each call, wall and CPU ms, in rounds of all of them, as many as fit into ``seconds`` for each on
+    average, from ``FEWEST`` to ``MOST``, after one that does not count. ``progress`` receives each round's share."""
+    first_ms = sum(_time_ms(call)[0] for call in calls.values())
     rounds = int(np.clip(1e3 * seconds * len(calls) / first_ms, FEWEST, MOST))
-    times: dict[str, list[float]] = {name: [] for name in calls}
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in calls}
     for _ in range(rounds):
         for name, call in calls.items():
             times[name].append(_time_ms(call))
@@ -185,10 +195,10 @@ def in_turns_ms(
     return times
 
 
-def _time_ms(call: Callable[[], object]) -> float:
-    started = time.perf_counter()
+def _time_ms(call: Callable[[], object]) -> tuple[float, float]:
+    started, cpu_s = time.perf_counter(), time.process_time()
     call()
-    return 1e3 * (time.perf_counter() - started)
+    return 1e3 * (time.perf_counter() - started), 1e3 * (time.process_time() - cpu_s)
 
 
 def digits(value: float | None) -> str:

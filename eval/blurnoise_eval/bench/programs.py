@@ -32,9 +32,9 @@ _EXPOSURES_S = (0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06, 0.09)
 
 
 def sweep(detector: Detector, pictures: datasets.PictureSet, threads: int, *, quick: bool) -> Contest:
-    """Cells of up to eight pictures by a sweep, and ``session.run`` alone on as many prepared inputs.
+    """Cells of up to twenty pictures by a sweep, and ``session.run`` alone on as many prepared inputs.
 
-    The sweep reads, simulates, infers, decodes, scores and stores.
+    The sweep reads, simulates with the default camera, infers, decodes, scores and stores.
     """
     axes = {
         "exposure_s": _EXPOSURES_S[::5] if quick else _EXPOSURES_S,
@@ -42,7 +42,7 @@ def sweep(detector: Detector, pictures: datasets.PictureSet, threads: int, *, qu
         "velocity_x_px_s": (0.0, 200.0, 500.0, 1000.0),
     }
     plan = SweepPlan(axes, examples=False)
-    some = datasets.PictureSet(pictures.kind, pictures.source, pictures.pictures[:8])
+    some = datasets.PictureSet(pictures.kind, pictures.source, pictures.pictures[:20])
     return Contest(
         "sweep", f"A sweep of {detector.name}",
         [partial(_cells, detector, some, plan, threads)],
@@ -64,8 +64,7 @@ def _cells(detector: Detector, pictures: datasets.PictureSet, plan: SweepPlan, t
             evaluate(
                 detector,
                 pictures,
-                "imx250",
-                plan,
+                plan=plan,
                 output=folder,
                 engine=engine,
                 strategy="grid",

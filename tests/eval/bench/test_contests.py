@@ -38,6 +38,7 @@ def made(clock):
 def result(monkeypatch):
     clock, told = [0.0], list[float]()
     monkeypatch.setattr(contest.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(contest.time, "process_time", lambda: 2 * clock[0])  # two threads
     found = contest.run(made(clock), threads=1, progress=told.append)
     assert sum(told) == pytest.approx(2)
     return found
@@ -47,6 +48,7 @@ def test_a_contender_has_its_time_and_its_error(result):
     ours, rival, slow, *others = result.rows
     assert [ours.time, rival.time, slow.time] == pytest.approx([2.0, 1.0, 4.0])
     assert [ours.to_first, rival.to_first, slow.to_first] == pytest.approx([1.0, 0.5, 2.0])
+    assert [rival.cpu, rival.cpu_to_first] == pytest.approx([2.0, 0.5])
     assert [row.error for row in result.rows] == [1.0, 0.5, 3.0, None, None, None]
     assert others[0].time == pytest.approx(20.0)  # not divided
 
