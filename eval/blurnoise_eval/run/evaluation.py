@@ -34,6 +34,7 @@ from blurnoise_eval.run.refine import Refine
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.search import search
 from blurnoise_eval.run.setup import QUESTION, note_search_space
+from blurnoise_eval.run.so_far import FirstAnswer
 from blurnoise_eval.run.strategy import Grid, Strategy, StrategyOf
 from blurnoise_eval.run.work import count_cells
 from blurnoise_eval.scoring.on_picture import Model
@@ -135,7 +136,8 @@ def evaluate(
         store.set_about(QUESTION, vars(question))
         note_search_space(store, chosen.search_space)
         computing = partial(compute, opened, camera, pictures, store=store, engine=engine_kept)
-        outcome = _computed(chosen, Run(store), pictures, computing, progress)
+        first = FirstAnswer(store, opened[0].name) if progress else None
+        outcome = _computed(chosen, Run(store), pictures, computing, progress, first)
         note_models(store, opened, pictures, comparisons, computed=outcome.computed)
     run = Run.open(folder, question, trust=True, images=pictures.every, progress=progress)
     run.outcome = outcome
@@ -160,6 +162,7 @@ def _computed(
     pictures: PictureSet,
     computing: Callable[..., Outcome],
     progress: bool | None,
+    first: FirstAnswer | None,
 ) -> Outcome:
     """Compute a strategy's steps, one after the other, each with its own bar."""
     outcome: Outcome | None = None
@@ -167,7 +170,13 @@ def _computed(
         if progress and step.note:
             say(step.note, error=True)
         with ProgressBar(step.name, count_cells(pictures, step.plan), progress) as advance:
-            more = computing(step.plan, progress=advance, resumed=advance.already)
+
+            def done(cells: int, plan: SweepPlan = step.plan, advance: ProgressBar = advance) -> None:
+                advance(cells)
+                if first is not None:
+                    first.after(plan, cells)
+
+            more = computing(step.plan, progress=done, resumed=advance.already)
         run.forget()  # the strategy chooses the next step by what is there now
         if outcome is None:
             outcome = more  # cells that were there before are counted once

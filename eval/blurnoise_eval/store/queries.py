@@ -158,6 +158,28 @@ def counts(store: Store) -> dict[str, int]:
     return {name: _values(store, f"SELECT {query}")[0] for name, query in asked.items()}
 
 
+def complete_picture(store: Store, model: str, cells: int) -> str | None:
+    """A picture with targets of which so many cells are there; None without."""
+    query = (
+        "SELECT image FROM cells WHERE model = ? GROUP BY image "
+        "HAVING COUNT(*) >= ? AND MAX(target_confidence) IS NOT NULL ORDER BY image LIMIT 1"
+    )
+    return next((image for (image,) in store.rows(query, model, cells)), None)
+
+
+def mean_confidences(store: Store, model: str, image: str) -> Iterator[tuple[float, float, float]]:
+    """Of each light and exposure of a picture its mean confidence over all other conditions.
+
+    Lux by lux, the highest mean first, of equal ones the shortest exposure.
+    """
+    query = (
+        "SELECT illuminance_lux, exposure_s, AVG(target_confidence) AS mean FROM cells "
+        "WHERE model = ? AND image = ? AND NOT clean AND target_confidence IS NOT NULL "
+        "GROUP BY 1, 2 ORDER BY 1, mean DESC, 2"
+    )
+    yield from store.rows(query, model, image)
+
+
 def non_finite_values(store: Store) -> dict[str, int]:
     """By model, how many NaN and infinite values were among its outputs."""
     query = "SELECT model, TOTAL(non_finite_values) FROM cells NOT INDEXED GROUP BY model"

@@ -12,6 +12,7 @@ from blurnoise_eval.default_camera import default_camera
 from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.run import TABLES
 from blurnoise_eval.run import latency
+from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.run.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.run.strategy import Step
 from blurnoise_eval.store.store import StoreError
@@ -173,3 +174,19 @@ def test_a_strategy_of_ones_own_reads_what_was_computed(tmp_path):
         )
         assert len({row["exposure_s"] for row in run.cells if not row["clean"]}) == n_exposures
         assert run.summary()["missing_cells"] == 2 - n_exposures
+
+
+def test_the_first_answer_is_the_best_exposure_of_each_light_in_one_picture(tmp_path, capsys):
+    signs, lights_lux = datasets.rendered_signs((80,), count=3), (1.0, 50.0)
+    plan = swept((0.002, 0.01, 0.03), lights_lux, (0.0, 400.0), gain_db=(0.0,))
+    how = {"strategy": "grid", "engine": ThreadEngine(1), "progress": True}
+    done = evaluate(None, signs, "imx250", plan, output=tmp_path, **how)
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("so far")]
+    cells = pd.DataFrame(done.cells)
+    cells = cells[(cells.image == cells.image.min()) & ~cells.clean.astype(bool)]
+    means = cells.groupby(["illuminance_lux", "exposure_s"]).target_confidence.mean()
+    best_s = [means[lux].idxmax() for lux in lights_lux]
+    assert best_s[0] != best_s[1]
+    for line, lux, exposure_s in zip(lines, lights_lux, best_s, strict=True):
+        assert f"{cells.image.iloc[0]} alone: at {lux:g} lux {1e3 * exposure_s:g} ms serves" in line
+        assert f"(mean confidence {means[lux].max():.2f})" in line
