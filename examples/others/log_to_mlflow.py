@@ -3,8 +3,8 @@
   blurnoise sweep -o run
   python examples/others/log_to_mlflow.py run --experiment night
 
-Each model of the run becomes a run of MLflow. Its metrics have the light as their step, in hundredths of a lux: MLflow
-draws the scores of several models over the light in one chart.
+Each model of the run becomes a run of MLflow. Its metrics have the light as their step, in hundredths of a lux:
+MLflow draws the scores of several models over the light in one chart.
 """
 
 import argparse

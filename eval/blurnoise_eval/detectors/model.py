@@ -257,7 +257,8 @@ def _load_problem(path: Path, error: Exception) -> str:
     if all(byte in b"\t\n\r\f" or byte >= 32 for byte in head):
         return f"is a text file or a web page, not a model; it begins with {head[:30]!r}"
     reason = " ".join(str(error).split())
-    return f"is not an ONNX model that onnxruntime {ort.__version__} can load: {reason if len(reason) < 300 else f'... {reason[-300:]}'}"
+    reason = reason if len(reason) <= 300 else f"... {reason[-300:]}"
+    return f"is not an ONNX model that onnxruntime {ort.__version__} can load: {reason}"
 
 
 def fetched(path: str | Location) -> Path:
