@@ -23,6 +23,7 @@ MOST_FLICKER = 0.02  # range of the means of the frames of a level, relative to 
 LEAST_LAMP = 0.005  # the same, for a note
 CHANCE = 4.0  # standard deviations by which the means of two frames may differ
 MOST_ROWS = 0.02  # share of temporal variance that rows of flat frames may have in common beyond dark ones
+MOST_PERIODIC = 0.5  # share of their power in three frequencies
 MOST_CORRELATION = 0.15
 MOST_LINEARITY_ERROR = 0.05
 CLIPPED = 5e-4  # share of pixels at the limit above which a level is left out: its variance is 0.1 % too low
@@ -84,6 +85,7 @@ def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
         )
         refuse(level.lamp_spread > MOST_FLICKER, f"{level}: flicker: {varies}; {_LAMP}")
         bands = level.row_share > rows + 5 / math.sqrt(level.pixels) and level.share(level.highest_dn) < PILED
+        bands &= level.row_peak > MOST_PERIODIC  # else they are noise of the sensor, which is measured
         share = f"rows have {level.row_share:.2%} of the noise in common"
         refuse(bands, f"{level}: flicker in bands: {share}; {_LAMP}")
 
@@ -213,6 +215,13 @@ def check_linearity(flat: Sequence[Level], line: Linearity, others: Linearity | 
     refuse(abs(worst) > MOST_LINEARITY_ERROR, f"{flat[line.worst]}: is not linear: {why}; {advice}")
 
 
+def beyond_peak(flat: Sequence[Level]) -> list[Level]:
+    """The levels brighter than the one of the largest variance that have less than half of it: wells are full."""
+    peak = max(flat, key=lambda level: level.variance_dn2)
+    brighter = [level for level in flat if level.mean_dn > peak.mean_dn]
+    return [level for level in brighter if level.variance_dn2 < peak.variance_dn2 / 2]
+
+
 def clipping(
     flat: Sequence[Level], dark_dn: float, full_scale_dn: float, dim: Sequence[int] = ()
 ) -> tuple[float | None, list[int]]:
@@ -225,8 +234,7 @@ def clipping(
     top = max(level.highest_dn for level in flat)
     piled = [level for level in flat if level.share(top) > PILED]
     peak = max(flat, key=lambda level: level.variance_dn2)
-    brighter = [level for level in flat if level.mean_dn > peak.mean_dn]
-    fallen = [level for level in brighter if level.variance_dn2 < peak.variance_dn2 / 2]
+    fallen = beyond_peak(flat)
     clip: float | None = None
     if any(top == full_scale_dn or level.share(top) > 2 * level.share(top - 1) for level in piled):
         clip = float(top)
@@ -238,7 +246,7 @@ def clipping(
     usable = [index for index in range(len(flat)) if not clipped[index] and index not in dim]
     # As EMVA 1288 does it; where that leaves too few levels, all that do not clip are used. Its saturation is the
     # peak of the variance; a peak that only levels that clip follow is the clipping itself.
-    saturation_dn = peak.mean_dn if any(flat[index] in brighter for index in usable) else limit
+    saturation_dn = peak.mean_dn if any(flat[index].mean_dn > peak.mean_dn for index in usable) else limit
     most_dn = dark_dn + USED * (saturation_dn - dark_dn)
     linear = [index for index in usable if flat[index].mean_dn <= most_dn]
     usable = linear if len(linear) >= FEWEST_FLAT else usable

@@ -121,7 +121,7 @@ def measure(
     gains = {}
     for frames in others:
         of_gain = _fit(frames, 2.0**bits - 1).fit
-        figures = of_gain.estimates(dark[0].pixels, frames.pixel_share(of_gain))
+        figures = of_gain.estimates(frames.sampled_dn2, frames.pixel_share(of_gain))
         gains[frames.gain_db - lowest.gain_db] = {name: figures[name] for name in AT_GAIN}
 
     # EMVA 1288 measures PRNU at half of saturation, and levels are used to 70 % of it.
@@ -177,8 +177,11 @@ class _GainFrames:
         # In a mosaic, neighbours of one colour are two columns apart.
         self.parity = self.means.parity_noise(noise) if files.site is None else Uncertain(0.0, 0.0)
         self.drift, variance = self.means.drift(dark, noise)
-        if self.drift.value:
-            dark = [replace(level, mean_error_dn=math.sqrt(variance / level.frames)) for level in dark]
+        self.offset = patterns.dark_lines(self.means.halves)
+        self.sampled_dn2 = self.offset.of_mean(self.means.shape)
+        # frames also differ by the mean of their rows and columns
+        self._mean_dn2 = variance if self.drift.value else noise.of_mean(self.means.shape)
+        dark = [self._wandering(level) for level in dark]
         height, width = self.means.shape
         self._lines_dn2 = math.hypot(
             noise.row.value * math.sqrt(2 / height), noise.column.value * math.sqrt(2 / width)
@@ -199,8 +202,12 @@ class _GainFrames:
         planes = self.files.planes(frames)
         dark_dn = self.line.at(frames[0].exposure_s)
         level, mean = level_of(means.add(planes) if means else planes, frames[0], dark_dn)
-        error = math.hypot(level.mean_error_dn, self.drift.value / math.sqrt(level.frames))
-        return replace(self._widened(level), mean_error_dn=error), mean
+        return self._wandering(self._widened(level)), mean
+
+    def _wandering(self, level: Level) -> Level:
+        """The level, with the uncertainty of its mean by what whole frames of dark levels differ."""
+        error = math.hypot(level.mean_error_dn, math.sqrt(self._mean_dn2 / level.frames))
+        return replace(level, mean_error_dn=error)
 
     def _widened(self, level: Level) -> Level:
         """The level, with the uncertainty of a variance from n rows and columns."""
@@ -224,6 +231,25 @@ class _GainFrames:
             rows = self.flat_lines.lines[index][0]
             spectra.append(row_gain.spectrum_of(rows, fit.dark.at(level.exposure_s), floor_dn2))
         return row_gain.row_gain(spectra)
+
+    def without_row_gain(self, fit: Transfer, used: Sequence[int]) -> list[Level]:
+        """The flat levels without the variance of the row gain, which grows with the squared signal."""
+        (square, _), rows = self.row_gain(fit, used)
+        if not square:
+            return self.flat
+        added_dn2 = square * self.signal(fit) ** 2
+        # of rows that are correlated over a length L, every 2 L count as one
+        chance = math.sqrt(2 * max(1.0, 2 * rows.value) / self.means.shape[0])
+        return [
+            replace(
+                level,
+                variance_dn2=level.variance_dn2 - added,
+                variance_error_dn2=math.hypot(
+                    level.variance_error_dn2, chance * added / math.sqrt(level.frames - 1)
+                ),
+            )
+            for level, added in zip(self.flat, added_dn2.tolist(), strict=True)
+        ]
 
     def signal(self, fit: Transfer) -> Floats:
         """Means of the flat levels minus those in the dark."""
@@ -254,6 +280,9 @@ def _fit(frames: _GainFrames, full_scale_dn: float) -> _TransferCurve:
     checks.check_noise([flat[index] for index in used])
     pattern = patterns.dark_pattern(frames.means.halves)
     fit = transfer.fit(dark, [flat[index] for index in used], pattern)
+    flat = frames.without_row_gain(fit, used)
+    if flat is not frames.flat:
+        fit = transfer.fit(dark, [flat[index] for index in used], pattern)
     tone = doubts.tone_curve(dark, [flat[index] for index in used], fit)
     limit_dn = clip_dn or full_scale_dn
     whole = [level for level in flat if level.mean_dn + _FREE * _noise_dn(level, fit) < limit_dn]
@@ -277,9 +306,9 @@ def _estimates(frames: _GainFrames, curve: _TransferCurve) -> tuple[dict[str, Es
     top_dn = (curve.clip_dn or brightest_dn) - fit.dark.offset
     signal = frames.signal(fit)
     linear = transfer.linearity(flat, signal, top_dn)
-    offset = patterns.dark_lines(frames.means.halves)
+    offset = frames.offset
     lines_dn2 = fit.before_rounding(offset.lines)
-    estimates = fit.estimates(frames.dark[0].pixels, frames.pixel_share(fit), lines_dn2)
+    estimates = fit.estimates(frames.sampled_dn2, frames.pixel_share(fit), lines_dn2)
     for name, variance in (
         ("row_noise_e", frames.noise.row),
         ("column_noise_e", frames.noise.column),

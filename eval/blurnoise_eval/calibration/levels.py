@@ -26,12 +26,13 @@ _FINE = 0.4  # of a step: noise above which rounding adds a known variance
 class Level:
     """Statistics of the frames of one exposure and light; ``*_error`` are standard deviations.
 
-    taken: how its first frame was taken. pixels: of a frame. means_dn: of each frame, in order. lamp_spread: range of
-    the means of the frames, relative to the signal (0 in the dark). row_share, column_share: shares of the temporal
-    variance that whole rows and whole columns have in common. correlation: of the temporal noise of neighbours, along
-    rows or columns, whichever is larger. counts (65536,): number of pixels with each digital number. step_dn: how far
-    numbers are apart, as a table or a digital gain stores them; 1 else. The variance is without what rounding to them
-    adds to that of a converter.
+    taken: how its first frame was taken. pixels: of a frame. means_dn: of each frame, in order. lamp_spread: range
+    of the means of the frames, relative to the signal (0 in the dark). row_share, column_share: shares of the
+    temporal variance that whole rows and whole columns have in common. row_peak: share of the power of the row
+    means in their three strongest frequencies; small where rows are independent. correlation: of the temporal noise
+    of neighbours, along rows or columns, whichever is larger. counts (65536,): number of pixels with each digital
+    number. step_dn: how far numbers are apart, as a table or a digital gain stores them; 1 else. The variance is
+    without what rounding to them adds to that of a converter.
 
     >>> from pathlib import Path
     >>> taken = FrameFile(file=Path("dark.npy"), kind="dark", exposure_s=0.01)
@@ -53,6 +54,7 @@ class Level:
     row_share: float
     column_share: float
     correlation: float
+    row_peak: float
     counts: NDArray[np.int64]
     step_dn: float = 1.0
 
@@ -131,6 +133,7 @@ def level_of(planes: Iterable[Plane], taken: FrameFile, dark_dn: float = 0.0) ->
     step_dn = step_of(counts)
     variance = max(variance - (step_dn**2 - 1) / 12, min(variance, 1 / 12))
     rows, lines = (float(pair.mean(axis).var(ddof=1)) / 2 - variance / first.shape[axis] for axis in (1, 0))
+    spectrum = np.sort(np.abs(np.fft.rfft(pair.mean(1) - pair.mean())) ** 2)
     power = float((pair * pair).mean())
     neighbours = max(float((pair[:, 1:] * pair[:, :-1]).mean()), float((pair[1:] * pair[:-1]).mean()))
     level = Level(
@@ -146,6 +149,7 @@ def level_of(planes: Iterable[Plane], taken: FrameFile, dark_dn: float = 0.0) ->
         row_share=rows / variance if variance else 0.0,
         column_share=lines / variance if variance else 0.0,
         correlation=neighbours / power if power else 0.0,
+        row_peak=float(spectrum[-3:].sum() / max(spectrum.sum(), 1e-300)),
         counts=counts,
         step_dn=step_dn,
     )

@@ -44,6 +44,16 @@ class LineVariances:
     column: Uncertain
     pixel: Uncertain
 
+    def of_mean(self, shape: tuple[int, ...]) -> float:
+        """Variance of the mean of a picture of this height and width.
+
+        >>> LineVariances(Uncertain(4.0, 0.0), Uncertain(-1.0, 1.0), Uncertain(9.0, 0.1)).of_mean((10, 9))
+        0.5
+        """
+        height, width = shape
+        parts = (self.row.value / height, self.column.value / width, self.pixel.value / (height * width))
+        return sum(max(0.0, part) for part in parts)
+
     @property
     def lines(self) -> Uncertain:
         """The sum for rows and columns, without those whose interval includes 0."""

@@ -18,7 +18,7 @@ from scipy.stats import norm
 from blurnoise.camera import Camera
 from blurnoise_eval.calibration.labels import light_of
 from blurnoise_eval.calibration.levels import Level, columns
-from blurnoise_eval.calibration.patterns import Halves, common_variances
+from blurnoise_eval.calibration.patterns import Halves, common_variances, hot_pixels
 from blurnoise_eval.calibration.rounding import SHEPPARD_DN2
 from blurnoise_eval.calibration.uncertain import Uncertain, Z
 
@@ -34,6 +34,8 @@ LIMITED = {
 _LINEAR = (0.05, 0.95)  # of the signal at saturation, for the linearity
 _USED = 0.7  # the same, for K and responsivity
 _DECIBEL = 20 / math.log(10)
+_ROUNDING_DN2 = 1 / 8
+"""By which rounding may add more or less than 1/12 to the variance in the dark where it hides the noise, about."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ ROWS: Mapping[str, _Definition] = {
     "QE": _Definition("quantum efficiency", "", 0.03, "levels are weighted"),
     "sigma_d": _Definition("temporal dark noise", "e-", 0.05, "of all levels"),
     "DSNU": _Definition("DSNU", "e-", None, "no hot pixels, no odd-even offsets"),
-    "DSNU_pixel": _Definition("DSNU of pixels", "e-", 0.1, "no hot pixels, before rounding"),
+    "DSNU_pixel": _Definition("DSNU of pixels", "e-", 0.1, "before rounding; both without hot pixels"),
     "PRNU": _Definition("PRNU", "%", None, "no shading of lamp and lens"),
     "PRNU_pixel": _Definition("PRNU of pixels", "%", 0.06, "no shading of lamp and lens"),
     "saturation": _Definition("saturation capacity", "e-", 0.1, "peak of the simulated variance"),
@@ -75,7 +77,7 @@ ROWS: Mapping[str, _Definition] = {
     "LE": _Definition("linearity error", "%", 3.0, "simulated light is linear", relative=False),
 }
 """By name, in the order of tables. Tolerances of K, QE and PRNU are what repeated measurements keep; sigma_d and DSNU
-carry an error of K, too; levels of light are some 5 % apart at the peak of the variance, which is flat."""
+carry an error of K, too; the peak of the variance is flat."""
 _SMALL = 0.1  # of the temporal noise in the dark: a smaller pattern adds less than 0.5 % to it
 
 
@@ -183,25 +185,30 @@ def figures_of_frames(
     square = float(signal[used] @ signal[used])
     gain = float(signal[used] @ photo[used]) / square
     gain_error = math.sqrt(float((signal[used] * noise[used]) @ (signal[used] * noise[used]))) / square
+    sloped = len(times_s) > 2
+    dark_dn2 = float(np.polynomial.polynomial.polyfit(unlit_s, of_dark[1], 1)[0] if sloped else of_dark[1][0])
+    hidden = dark_dn2 < LEAST_DARK_DN2
+    if hidden:  # what rounding did to the dark variance is in that of no flat level
+        gain_error = math.hypot(gain_error, _ROUNDING_DN2 / Z * float(signal[used].sum()) / square)
     rate = float(x[used] @ signal[used]) / float(x[used] @ x[used])
     share = gain_error / gain
     values["K"] = Uncertain(gain, gain_error)
     if unit == "photons":
         values["QE"] = Uncertain(rate / gain, share * rate / gain)
-    sloped = len(times_s) > 2
-    dark_dn2 = float(np.polynomial.polynomial.polyfit(unlit_s, of_dark[1], 1)[0] if sloped else of_dark[1][0])
-    hidden = dark_dn2 < LEAST_DARK_DN2
     dark_dn2 = max(dark_dn2, LEAST_DARK_DN2)
     sigma_e = math.sqrt(dark_dn2 - 1 / 12) / gain
     of_variance = float(np.sqrt((of_dark[2] ** 2).sum())) / len(dark) / (2 * (dark_dn2 - 1 / 12))
     values["sigma_d"] = Uncertain(sigma_e, sigma_e * math.hypot(share, of_variance))
     if reached:
         most_e = rate * float(x[peak]) / gain
-        values["saturation"] = Uncertain(most_e, share * most_e)
+        # the peak lies anywhere between the levels beside the largest variance
+        apart = math.hypot(share, float(np.diff(x[max(0, peak - 1) : peak + 2]).max()) / float(x[peak]) / Z)
+        values["saturation"] = Uncertain(most_e, apart * most_e)
         values["DR"] = Uncertain(
-            _DECIBEL * math.log(most_e / (math.sqrt(dark_dn2) / gain + 0.5)), _DECIBEL * of_variance
+            _DECIBEL * math.log(most_e / (math.sqrt(dark_dn2) / gain + 0.5)),
+            _DECIBEL * math.hypot(of_variance, apart),
         )
-        values["SNR_max"] = Uncertain(_DECIBEL / 2 * math.log(most_e), _DECIBEL / 2 * share)
+        values["SNR_max"] = Uncertain(_DECIBEL / 2 * math.log(most_e), _DECIBEL / 2 * apart)
     inside = (signal >= _LINEAR[0] * signal[peak]) & (signal <= _LINEAR[1] * signal[peak])
     if inside.sum() > 2:
         offset, slope = np.polynomial.polynomial.polyfit(x[inside], signal[inside], 1, w=1 / signal[inside])
@@ -213,13 +220,18 @@ def figures_of_frames(
 
 
 def _patterns(unlit: Halves, light: Halves, gain: float) -> dict[str, Uncertain]:
-    """DSNU and PRNU, in all and of pixels; missing where a variance is below 0."""
-    of_dark, of_light = (
-        common_variances(one - one.mean(), other - other.mean()) for one, other in (unlit, light)
-    )
+    """DSNU and PRNU, in all and of pixels; missing where a variance is below 0. Those of pixels have no hot ones."""
+    hot = hot_pixels((unlit[0] + unlit[1]) / 2)
     signal = float(np.mean(light) - np.mean(unlit))
     found = {}
-    for name, parts in (("", ("row", "column", "pixel")), ("_pixel", ("pixel",))):
+    for name, parts, left_out in (
+        ("", ("row", "column", "pixel"), np.zeros_like(hot)),
+        ("_pixel", ("pixel",), hot),
+    ):
+        of_dark, of_light = (
+            common_variances(one - one[~left_out].mean(), other - other[~left_out].mean(), left_out)
+            for one, other in (unlit, light)
+        )
         dark = sum(getattr(of_dark, part).value for part in parts)
         bright = sum(getattr(of_light, part).value for part in parts) - dark
         dark_error = math.hypot(*(getattr(of_dark, part).error for part in parts))

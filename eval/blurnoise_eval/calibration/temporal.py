@@ -80,14 +80,13 @@ class FrameMeans:
 
         Deviations are from a straight line over the exposure, because dark current raises the means.
         """
-        (height, width), means = self.shape, np.concatenate([level.means_dn for level in levels])
+        means = np.concatenate([level.means_dn for level in levels])
         exposure_s = np.repeat([level.exposure_s for level in levels], [level.frames for level in levels])
         design = np.stack([np.ones(len(means)), exposure_s], 1)[:, : len(np.unique(exposure_s))]
         line, *_ = np.linalg.lstsq(design, means)
         freedom = len(means) - design.shape[1]
         variance = float(((means - design @ line) ** 2).sum()) / freedom
-        of_lines = max(0.0, noise.row.value) / height + max(0.0, noise.column.value) / width
-        expected = noise.pixel.value / (height * width) + of_lines
+        expected = noise.of_mean(self.shape)
         quantiles = chi2.ppf([0.975, 0.025], freedom) / freedom
         low, high = (math.sqrt(max(0.0, variance / quantile - expected)) for quantile in quantiles)
         value = math.sqrt(max(0.0, variance - expected)) if low else 0.0

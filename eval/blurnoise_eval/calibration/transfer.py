@@ -117,18 +117,18 @@ class Transfer:
 
     def estimates(
         self,
-        pixels: int,
+        sampled_dn2: float,
         pixel_share: Uncertain,
         lines_dn2: Uncertain = NOTHING,
     ) -> dict[str, Estimate]:
-        """The figures of the camera by the names of its fields. pixels: of a frame.
+        """The figures of the camera by the names of its fields.
 
+        sampled_dn2: variance of the mean of the fixed pattern, which is a sample of few rows and columns.
         pixel_share: share of the variance in the dark that is not of whole rows or columns; lines_dn2: variance of
         rows and columns of the fixed pattern.
         """
         gain, black = self.gain, self.dark
-        # the pixels are a sample: their mean is known to the spread of the pattern over the root of their number
-        black_error = math.hypot(black.offset_error, math.sqrt(self.spread_dn2 / pixels))
+        black_error = math.hypot(black.offset_error, math.sqrt(sampled_dn2))
         read, spread = self.read_dn2 / gain**2, (self.spread_dn2 - lines_dn2.value) / gain**2
         read_error = math.hypot(
             pixel_share.value * self.error(-2 * read / gain, 1 / gain**2), pixel_share.error * read
@@ -146,7 +146,7 @@ class Transfer:
             # bounds: these could be as large as what noise of two numbers can hide
             hidden = TWO_NUMBERS_DN / max(self.noise_dn, 0.01)
             for name in {"read_noise_e", "dsnu_e", "dark_current_e_s"} & {*figures}:
-                least = TWO_NUMBERS_DN / gain if name == "read_noise_e" else 0.0
+                least = 0.0 if name == "dark_current_e_s" else TWO_NUMBERS_DN / gain
                 most = max(figures[name].high, hidden * figures[name].value, least)
                 figures[name] = Estimate(figures[name].value, 0.0, most)
             figures["black_level_dn"] = Estimate(black.offset, black.offset - 0.5, black.offset + 0.5)

@@ -15,7 +15,7 @@ from scipy import stats
 from blurnoise.metrics.values import Estimate
 from blurnoise_eval.system.tables import finite
 
-AGREES, DIFFERS, CANNOT_TELL = "agrees", "differs", "cannot tell"
+AGREES, SMALL, DIFFERS, CANNOT_TELL = "agrees", "small", "differs", "cannot tell"
 SIGNIFICANT = 0.05  # probability that any of all comparisons differs by chance
 HEADS = ("measure", "verdict", "largest difference", "real", "simulated")
 _WIDEST = {"relative": 0.5, "absolute": 0.1, "kurtosis": 0.5}
@@ -25,11 +25,15 @@ _MOST_TEXTURE = 0.2  # share of the compared variance above which "agrees" would
 
 @dataclass(frozen=True)
 class Measure:
-    """A quantity of pictures that is compared: its name in files, its title, and the scale of its differences."""
+    """A quantity of pictures that is compared: its name in files, its title, and the scale of its differences.
+
+    tolerance: a difference whose interval lies within it is small.
+    """
 
     name: str
     title: str
     scale: Literal["relative", "absolute", "kurtosis"] = "relative"
+    tolerance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,11 +60,12 @@ class MeasureComparison:
 
     @property
     def verdict(self) -> str:
-        """``AGREES``, ``DIFFERS`` or ``CANNOT_TELL``."""
+        """``AGREES``, ``SMALL``, ``DIFFERS`` or ``CANNOT_TELL``."""
         if not math.isfinite(self.p_value):
             return CANNOT_TELL
         if self.p_value < SIGNIFICANT:
-            return DIFFERS
+            within = max(-self.difference.low, self.difference.high) <= self.measure.tolerance
+            return SMALL if within else DIFFERS
         wide = self.difference.high - self.difference.low > 2 * _WIDEST[self.measure.scale]
         return CANNOT_TELL if wide or self.texture > _MOST_TEXTURE else AGREES
 
@@ -149,10 +154,13 @@ def summary(comparisons: Sequence[MeasureComparison]) -> list[tuple[tuple[str, .
         levels = [comparison for comparison in comparisons if comparison.measure == measure]
         known = [level for level in levels if level.difference.available]
         worst = max(known or levels, key=lambda level: abs(level.difference.value))
-        agree, differ = (sum(level.verdict == verdict for level in levels) for verdict in (AGREES, DIFFERS))
+        differ = sum(level.verdict == DIFFERS for level in levels)
+        agree = sum(level.verdict in (AGREES, SMALL) for level in levels)
         verdict = DIFFERS if differ else AGREES if agree else CANNOT_TELL
         count = f"{differ} of {len(levels)} differ" if differ else f"{agree} of {len(levels)} agree"
         text = verdict if max(agree, differ) in (0, len(levels)) else count
+        if not differ and any(level.verdict == SMALL for level in levels):
+            text += f" within {100 * measure.tolerance:g} %"
         rows.append(((measure.title, text, *worst.cells()), verdict))
     return rows
 

@@ -24,7 +24,7 @@ from blurnoise.camera.radiometry import dark_electrons
 from blurnoise.metrics.values import Estimate
 from blurnoise.sensor.readout import read_out
 from blurnoise_eval.calibration import fit, standard, to_camera
-from blurnoise_eval.calibration.checks import CLIPPED
+from blurnoise_eval.calibration.checks import CLIPPED, USED
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.formats import RawLayout
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Folder
@@ -36,7 +36,7 @@ from blurnoise_eval.calibration.standard import FAIL, PASS, StandardRow
 from blurnoise_eval.calibration.temporal import FrameMeans
 from blurnoise_eval.calibration.uncertain import Z
 from blurnoise_eval.measure import classifier
-from blurnoise_eval.measure.comparison import DIFFERS, MeasureComparison, corrected
+from blurnoise_eval.measure.comparison import DIFFERS, SMALL, MeasureComparison, corrected
 from blurnoise_eval.measure.statistics import (
     MEAN,
     STATISTICS,
@@ -129,7 +129,12 @@ class Validation:
         text = f"Simulated frames {verb} the real frames: {', '.join(within)} at {levels}. "
         significant = "; ".join(filter(None, map(self._differing, ("flat", "dark"))))
         text += f"Significant differences: {significant}." if significant else ""
-        text += "" if significant else "There are no significant differences."
+        small = sum(level.verdict == SMALL for level in self.comparisons)
+        if small:
+            which = "Other differences" if significant else "Differences"
+            text += f" {which} of the variance are below {100 * VARIANCE.tolerance:g} % ({small} levels)."
+        elif not significant:
+            text += "There are no significant differences."
         scores = [
             f"{separation.value:.2f} on {kind} frames ({floor.value:.2f} for real frames among themselves)"
             for kind, (separation, floor) in self.auc.items()
@@ -191,6 +196,10 @@ def validate(
         "dark": [],
         "flat": [],
     }  # simulated with the camera's own black level
+    # fixed patterns are those of levels that the standard uses for K, not of wells that are nearly full
+    brightest_dn = camera.sensor.black_level_dn + USED * (
+        camera.sensor.clip_dn - camera.sensor.black_level_dn
+    )
     for level in levels:
         first, planes = level[0], _frames(files, level)
         whole = planes.astype(np.uint16)
@@ -199,13 +208,14 @@ def validate(
         if (planes >= camera.sensor.clip_dn).mean() > CLIPPED:
             notes.append(f"{name}: is clipped and not compared")
             continue
-        deque(means[first.kind].add(whole), maxlen=0)
+        if first.kind == "dark" or planes.mean() <= brightest_dn or not means["flat"].lines:
+            deque(means[first.kind].add(whole), maxlen=0)
         real = FrameStack(planes)
         simulated = FrameStack(_simulated(camera, first, real, light, seed))
         errors = uncertainty.of(simulated, first.kind)
         of_level = compare_levels(real, simulated, errors, kind=first.kind, level=name)
         stacks[first.kind].append(simulated)
-        if blacks_dn := _blacks_dn(camera, first, real, errors["mean"]):
+        if blacks_dn := _blacks_dn(camera, first, real, errors["mean"], light.electrons(first, real.mean_dn)):
             # only the mean, and how it scatters, are compared with those of the camera's own black level
             simulated = FrameStack(_simulated(camera, first, real, light, seed, blacks_dn))
             of_level[1:] = compare_levels(real, simulated, errors, kind=first.kind, level=name)[1:]
@@ -309,18 +319,21 @@ class _LightLine:
         return charge - dark_electrons(camera, frame.exposure_s, camera.sensor.dark_reference_c)
 
 
-def _blacks_dn(camera: Camera, frame: FrameFile, real: FrameStack, mean_error: float) -> list[float] | None:
-    """The black level of each dark frame, where rounding makes the noise depend on it.
+def _blacks_dn(
+    camera: Camera, frame: FrameFile, real: FrameStack, mean_error: float, electrons: float
+) -> list[float] | None:
+    """The black level of each dark or dim frame, where rounding makes the noise depend on it.
 
     None where rounding adds the same to any noise, and where the camera's black level is wrong beyond chance:
-    mean_error is the relative standard error of the mean.
+    mean_error is the relative standard error of the mean. electrons: of the light.
     """
     sensor = camera.sensor
-    charge_e = dark_electrons(camera, frame.exposure_s, sensor.dark_reference_c)
+    charge_e = electrons + dark_electrons(camera, frame.exposure_s, sensor.dark_reference_c)
     variance = np.array([sensor.dark_variance_dn2(charge_e) - 1 / 12])
-    if frame.kind != "dark" or variance[0] > PLAIN_DN2:
+    if variance[0] > PLAIN_DN2:
         return None
     spread_dn, dark_dn = (sensor.system_gain_dn_per_e * each for each in (sensor.dsnu_total_e, charge_e))
+    spread_dn = math.hypot(spread_dn, float(real.surface.std()))
     # where the mean after rounding is that of a frame; it rises with the black level
     blacks = sensor.black_level_dn + np.linspace(-1.0, 1.0, 401)
     means = rounded(blacks + dark_dn, np.repeat(variance, len(blacks)), spread_dn)[0]

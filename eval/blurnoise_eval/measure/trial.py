@@ -18,7 +18,7 @@ from blurnoise._core import rng
 from blurnoise.camera import Camera
 from blurnoise.camera.radiometry import dark_electrons
 from blurnoise.sensor.readout import read_out
-from blurnoise_eval.calibration.checks import CLIPPED
+from blurnoise_eval.calibration.checks import CLIPPED, beyond_peak
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.levels import Level, level_of
 from blurnoise_eval.calibration.rounding import TWO_NUMBERS_DN
@@ -111,7 +111,9 @@ def _lines(pairs: Sequence[tuple[Level, Level]], kind: str, sure: float, *, corr
 def _clips(level: Level, measurement: Measurement) -> bool:
     """Whether more pixels clip than the variance bears."""
     limit = measurement.clip_dn or 2**measurement.bit_depth - 1
-    return bool(level.counts[math.ceil(limit) :].sum() > CLIPPED * level.counts.sum())
+    return level in beyond_peak(measurement.flat) or bool(
+        level.counts[math.ceil(limit) :].sum() > CLIPPED * level.counts.sum()
+    )
 
 
 def _rows(measurement: Measurement, camera: Camera) -> int:

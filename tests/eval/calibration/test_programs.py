@@ -149,7 +149,7 @@ PROGRAMS = {
     "IDS peak": (picture(".png", repeated), "numbers are 12 bits stretched to 16"),
     "FFmpeg": (picture(".tiff", repeated), "numbers are 12 bits stretched to 16"),
     "rpicam-still": (dng, "a LinearizationTable spreads 4096 stored numbers to 4095"),
-    "changed DNG": (dng_of_another_black, "the dark frames have a black level of 59.96 DN, but the files state 256"),
+    "changed DNG": (dng_of_another_black, "the dark frames have a black level of 59.97 DN, but the files state 256"),
     "v4l2-ctl": (packed, None),
     "OpenCV": (picture(".png", lambda plane: cv2.merge([plane] * 3)), "error: .*not colours"),
     "ccdproc": (each(picture(".png", lambda plane: plane - 60), array), "error: .*wrap around below 0"),

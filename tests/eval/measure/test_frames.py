@@ -7,13 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy_cmos
 import pytest
 from blurnoise_eval.calibration import fit, to_camera
 from blurnoise_eval.cli import main
 from blurnoise_eval.measure import classifier, frames
-from blurnoise_eval.measure.comparison import AGREES, DIFFERS, MeasureComparison
+from blurnoise_eval.measure.comparison import AGREES, DIFFERS, SMALL, MeasureComparison, compared, summary
 from blurnoise_eval.measure.frames import LevelPair, Validation
 from blurnoise_eval.measure.statistics import MEAN, STATISTICS, VARIANCE, FrameStack, compare_levels
+from numpy_cmos import Cmos
 
 from blurnoise import Camera
 from blurnoise.metrics.values import Estimate
@@ -211,6 +213,35 @@ def test_the_answer_follows_the_verdicts():
     apart = replace(alike, comparisons=[*rows, level("d", "dark", VARIANCE, 0.3, 0.01)]).answer
     assert apart.startswith("Simulated frames differ from the real frames: mean within 0.4 %")
     assert apart.endswith("Significant differences: on dark frames variance (1 of 1).")
+
+
+def test_a_variance_that_differs_surely_by_less_than_8_percent_is_small():
+    """The interval decides: of 5 +- 2 % all is below 8 %, of 7 +- 2 % it is not; means have no tolerance."""
+    rows = [
+        compared(VARIANCE, 1.0 + off, 1.0, 0.01, kind="flat", level=f"{off}") for off in (0.05, 0.07, -0.05)
+    ]
+    rows.append(compared(MEAN, 1.05, 1.0, 0.01, kind="flat", level="0.05"))
+    assert [each.verdict for each in rows] == [SMALL, DIFFERS, SMALL, DIFFERS]
+    alike = Validation(CAMERA, None, [], rows[::2], {}, [], [])
+    assert alike.answer.startswith("Simulated frames behave like the real frames")
+    assert alike.answer.endswith("Differences of the variance are below 8 % (2 levels).")
+    assert [row[:2] for row, _ in summary(rows[::2])] == [("variance, DN²", "agrees within 8 %")]
+
+
+def test_dim_light_has_the_black_level_of_its_frames_where_rounding_is_coarse(tmp_path):
+    """Noise of 0.25 DN; the black level wanders by 0.15 DN, which moves the variance after rounding by a tenth."""
+    cmos = Cmos(bits=8, gain=0.02, read=12.0, black_dn=3.25, wander_dn=0.15)
+    made = numpy_cmos.save(tmp_path / "frames", cmos, [0.004, 0.008, 0.012, *SHARES], seed=2)
+    fitted = to_camera.camera_of(fit.measure(made), "mine", base="imx250m")
+    dim = frames.validate(made, fitted).of("flat", "variance")[:3]
+    assert [each.verdict for each in dim] == [AGREES] * 3
+
+
+def test_patterns_of_the_standard_are_not_those_of_full_wells(tmp_path):
+    """Signals that bend from 70 % of the range on lose their PRNU."""
+    made = numpy_cmos.save(tmp_path / "frames", Cmos(sag=0.7), np.linspace(0.1, 1.0, 9))
+    prnu = next(row for row in frames.validate(made).standard if row.name == "PRNU_pixel")
+    assert prnu.standard.value == pytest.approx(0.7, rel=0.03)
 
 
 def test_the_classifier_separates_what_can_be_separated():
