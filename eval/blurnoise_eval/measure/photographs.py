@@ -47,13 +47,14 @@ class Photographs:
     """What pictures bring along: medians over those in which it can be measured.
 
     noise_dn, level_dn: of luma in flat parts, rounding included, and where. noisiest_dn: exceeded by a tenth of the
-    pictures. clipped_share: of pixels of which a colour is white. jpeg_quality: None where none is a JPEG.
+    pictures. clipped: of each picture, the share of pixels of which a colour is white. jpeg_quality: None where
+    none is a JPEG.
     """
 
     noise_dn: float
     noisiest_dn: float
     level_dn: float
-    clipped_share: float
+    clipped: tuple[float, ...]
     jpeg_quality: int | None
 
     @property
@@ -64,9 +65,10 @@ class Photographs:
         if self.jpeg_quality:
             coarse = ", which leaves coarse noise that looks like scene" * (self.jpeg_quality < _KEEPS_FINE)
             texts.append(f"JPEG quality {self.jpeg_quality}{coarse}")
-        if self.clipped_share >= _CLIPPED_SHARE:
+        if worth := [share for share in self.clipped if share >= _CLIPPED_SHARE]:
+            many, typical = f"{len(worth)} of {len(self.clipped)} pictures", float(np.median(worth))
             texts.append(
-                f"{self.clipped_share:.0%} of the pixels clipped, which stand for white and no brighter"
+                f"{many} clip, {typical:.0%} of their pixels: grey in darker frames, where a scene may stay white"
             )
         return texts
 
@@ -82,13 +84,13 @@ def photographs(pictures: Sequence[tuple[Location | None, NDArray[np.uint8]]]) -
     if not noise:
         return None
     deviations, levels = np.array(noise).T
-    clipped = [float((image >= _WHITE).any(-1).mean()) for _, image in pictures]
+    clipped = tuple(float((image >= _WHITE).any(-1).mean()) for _, image in pictures)
     qualities = [encoded.quality for file, _ in pictures if file is not None and (encoded := encoding(file))]
     return Photographs(
         float(np.median(deviations)),
         float(np.quantile(deviations, 0.9)),
         float(np.median(levels)),
-        float(np.median(clipped)),
+        clipped,
         round(float(np.median(qualities))) if qualities else None,
     )
 

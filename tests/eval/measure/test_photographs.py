@@ -78,10 +78,19 @@ def test_medians_are_over_pictures_and_clipped_parts_are_counted(tmp_path):
     found = photographs(pictures)
     assert found.noise_dn == pytest.approx(2.0, rel=0.06)
     assert found.noisiest_dn == pytest.approx(2.0 + 0.8 * 7.0, rel=0.06)
-    assert found.clipped_share == pytest.approx(0.125, abs=0.005)
+    assert found.clipped == pytest.approx((0.125,) * 3, abs=0.005)
     assert found.jpeg_quality == pytest.approx(90, abs=1)
     assert "JPEG quality 90, which leaves coarse noise that looks like scene" in found.texts
-    assert "12% of the pixels clipped, which stand for white and no brighter" in found.texts
+    assert found.texts[-1].startswith("3 of 3 pictures clip, 12% of their pixels: grey in darker frames")
+
+
+def test_few_pictures_with_a_clipped_sky_are_said():
+    """A median over all pictures would hide them."""
+    plain, sky = grey(scene()), grey(scene())
+    sky[:68] = 255
+    pictures = [(None, plain), (None, sky), (None, plain)]
+    assert any(text.startswith("1 of 3 pictures clip, 25%") for text in photographs(pictures).texts)
+    assert len(photographs([(None, plain)]).texts) == 1
 
 
 def test_frames_are_compared_with_and_without_the_noise():
@@ -90,7 +99,7 @@ def test_frames_are_compared_with_and_without_the_noise():
     plan = SweepPlan(
         {"exposure_s": (0.001, 0.5), "illuminance_lux": (0.01, 500.0), "velocity_x_px_s": (0.0,)}
     )
-    shares = raised(Photographs(2.0, 4.0, 118.0, 0.0, None), camera, plan)
+    shares = raised(Photographs(2.0, 4.0, 118.0, (), None), camera, plan)
     assert shares[0.01][1] < 0.1 < shares[500.0][0] < shares[500.0][1]
     flat = np.full((200, 200, 3), 118, np.uint8)
     own = expose(flat, camera, exposure_s=0.001, illuminance_lux=500.0, gain_db="auto").image[..., 0].std()
