@@ -155,7 +155,7 @@ def measure(
         cfa=None if files.site is None else files.cfa, bit_depth=bits, bits_given=bit_depth is not None,
         clip_dn=curve.clip_dn, doubts=found,
         standard=standard.figures_of_frames(dark, flat, lowest.means.halves, means.halves),
-        notes=[*files.notes, *checks.remarks(dark, flat), *_notes(fit, files)],
+        notes=[*files.notes, *checks.remarks(dark, flat), *_notes(fit, files), *_sag(flat, linear)],
     )  # fmt: skip
 
 
@@ -324,6 +324,9 @@ def _estimates(frames: _GainFrames, curve: _TransferCurve) -> tuple[dict[str, Es
     if linear:
         others = [index for index in range(len(flat)) if index != linear.worst]
         rest = transfer.linearity([flat[index] for index in others], signal[others], top_dn)
+        lower = transfer.linearity(flat, signal, checks.USED * top_dn)
+        if linear.error.value > checks.MOST_LINEARITY_ERROR and lower and lower.sagging(linear):
+            linear = replace(lower, sags=True)
         checks.check_linearity(flat, linear, rest)
         estimates["linearity_error"] = linear.error
         if linear.light == "photons":
@@ -337,6 +340,15 @@ def _stray_light(frames: _GainFrames, chosen: Sequence[int], light: Floats, fit:
     if frames.files.site is not None:
         light = np.mean([np.mean([*whole.planes(whole.flat[index])], axis=0) for index in chosen], axis=0)
     return doubts.stray_light(whole, frames.dark, [frames.flat[index] for index in chosen], light, fit)
+
+
+def _sag(flat: Sequence[Level], linear: Linearity | None) -> list[str]:
+    """A note where the signal sags below the line of light before saturation."""
+    if linear is None or not linear.sags:
+        return []
+    first = next(i for i, off in enumerate(linear.deviation) if off < -checks.MOST_LINEARITY_ERROR)
+    text = f"the signal sags before saturation: that of {flat[first]} is {linear.deviation[first]:.1%} off the line"
+    return [f"{text} of the darker levels; the camera's light is linear until it clips"]
 
 
 def _notes(fit: Transfer, files: Folder) -> list[str]:

@@ -37,6 +37,8 @@ SUSPICIOUS = 0.01  # probability of the scatter about a line below which the err
 NOTHING = Uncertain(0.0, 0.0)
 _ROUNDS = 5  # of weighing and fitting
 _GROUPS = 6  # of levels, for intervals
+_SAGGING = 3  # brightest exposures
+_ORIGIN = 0.01  # of the brightest signal
 _PHASE_DN = 0.02  # of the mean, for the derivative of what rounding adds
 
 
@@ -389,7 +391,7 @@ class Linearity:
     """Signal against light: slope in DN per unit of ``light``; x in that unit; deviation relative.
 
     responsivity: slope of the line through the origin. error: largest deviation from the line among the fitted
-    levels, at level ``worst``.
+    levels, at level ``worst``. sags: the signal leaves the line well before saturation.
     """
 
     slope: float
@@ -400,6 +402,18 @@ class Linearity:
     worst: int
     error: Estimate
     light: Light
+    sags: bool = False
+
+    def sagging(self, others: Linearity) -> bool:
+        """Whether signals sag near saturation: this line is that of levels below 70 % of it, ``others`` are of all.
+
+        It goes through the origin, unlike one after a tone curve, and the levels above lie ever further below it.
+        """
+        above = np.sort(self.x[self.x > 0])[-_SAGGING:]
+        off = np.array([self.deviation[self.x == x].mean() for x in above])
+        straight = self.error.value < others.error.value / 2
+        begins = abs(self.offset) < _ORIGIN * self.slope * float(self.x.max())
+        return bool(straight and begins and (off[-1] < 0) and (np.diff(off) < 0).all())
 
 
 def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity | None:

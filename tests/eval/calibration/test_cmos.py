@@ -45,6 +45,7 @@ def test_few_levels_cannot_tell_where_the_variance_peaks(tmp_path):
     saturation = found.standard.values["saturation"]
     assert saturation.value < 0.95 * Cmos().range_e < saturation.interval().high
     assert "fail" not in verdicts(found).values()
+    assert not found.notes
 
 
 def test_k_of_the_standard_is_uncertain_by_what_rounding_hides(tmp_path):
@@ -70,6 +71,15 @@ def test_black_level_is_as_uncertain_as_few_rows_and_columns(tmp_path):
     least = 1.96 * cmos.gain * math.sqrt(8**2 / 160 / 16 + 6**2 / 200)
     assert least < (black.high - black.low) / 2 < 2 * least
     assert black.low < cmos.black_dn < black.high
+
+
+def test_a_signal_that_sags_before_saturation_is_no_wrong_exposure(tmp_path):
+    """From 50 % of the range on; at 90 % of the light the signal is 8 % too small."""
+    cmos = Cmos(sag=0.5)
+    found = measure(save(tmp_path / "frames", cmos, np.linspace(0.05, 1.1, 12)), bit_depth=12)
+    assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(cmos.gain, rel=0.02)
+    assert found.estimates["quantum_efficiency"].value == pytest.approx(0.5, rel=0.02)
+    assert any(note.startswith("the signal sags before saturation") for note in found.notes)
 
 
 def test_full_wells_are_not_held_against_the_camera(tmp_path):
