@@ -28,7 +28,7 @@ FACTORS: dict[str, tuple[str, ...]] = {
     "outputs": ("outputs",),
 }
 """What is varied, to the fields of a contract."""
-_SURE, _LIKELY = 0.995, 0.975  # one-sided levels of Student's t
+_SURE, _LIKELY, PROBABLE = 0.995, 0.975, 0.84  # one-sided levels of Student's t
 _FEWEST = 4  # pictures for Student's t to make a variant surely better
 _FAR_RATIO, _FAR_LEAST = 3.0, 2.0  # so many times as much agreement, at least so much, is always sure
 _MATTERS = 0.05  # relative gain in merit; another resize that may gain more is a doubt
@@ -99,19 +99,23 @@ class Variant:
         return far or (count >= _FEWEST and self.lead(other, _SURE) > 0)
 
     def standing(self, final: Variant, *, stated: bool) -> str:
-        """How it stands to the final one: surely "worse", a "rival" that may be right, or "open".
+        """How it stands to the final one: surely "worse", "less likely", a "rival" that may be right, or "open".
 
         It is open where it finds the same, or is another resize that gains little. stated: whether it would replace a
-        field that somebody stated; then it has to be probably better.
+        field that somebody stated; then it has to be probably better. Else it is a rival unless the final one is
+        probably better. With 8 photographs it had to be surely so, and half of the right contracts were doubted.
         """
         if self.given_up or final.surely_beats(self):
             return "worse"
         resized = self.differs(final) == ["resize"]
-        gain = self.lead(final, _LIKELY) if stated or resized else -final.lead(self, _LIKELY)
+        level = PROBABLE if min(len(self.agreed), len(final.agreed)) >= _FEWEST else _LIKELY
+        gain = self.lead(final, _LIKELY) if stated or resized else -final.lead(self, level)
         least = _MATTERS * final.merit if resized else 0
         every = sum(float(each.scores.sum()) for variant in (self, final) for each in variant.seen) / 2
         same = sum(map(agreement, self.seen, final.seen)) / max(every, 1e-9)
-        return "rival" if gain > least and same < _SAME else "open"
+        if same < _SAME and gain > least:
+            return "rival"
+        return "open" if same >= _SAME or stated or resized else "less likely"
 
 
 def factors(contract: Contract, *statuses: str) -> list[str]:

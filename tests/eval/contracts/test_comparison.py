@@ -142,8 +142,9 @@ def test_what_is_stated_is_only_doubted(tmp_path, reds):
 
 
 def test_what_the_pictures_leave_open_is_doubted(reds):
-    """Of red and blue squares the network finds the red ones, and as many blue ones where it is fed with bgr."""
-    found = compared(assumed(reds, OWN), squares(8, (RED, BLUE)))
+    """Of red and blue squares the network finds the red ones, and about as many blue ones where it is fed with
+    bgr."""
+    found = compared(assumed(reds, OWN), squares(12, (RED, BLUE)))
     (doubt,) = found.doubts
     assert f"colour may be wrong ({ASSUMED}). " in doubt
     assert "If the former is right, use --contract yolox,classes=red," in doubt
@@ -191,6 +192,22 @@ def test_another_resize_is_doubted_only_where_it_is_significantly_better():
     for stated in (True, False):
         assert noisy.standing(final, stated=stated) == "open"
         assert steady.standing(final, stated=stated) == "rival"
+
+
+@pytest.mark.parametrize(
+    ("pictures", "less", "apart", "expected"),
+    [(8, 0.05, 0.3, "rival"), (8, 0.15, 0.3, "less likely"), (8, 0.6, 0.3, "worse"), (2, 0.3, 0.1, "rival")],
+)
+def test_another_colour_is_doubted_where_the_chosen_one_is_not_probably_better(
+    pictures, less, apart, expected
+):
+    """Differences of ``less`` +- ``apart``. Their t is .4, 1.3 and 5.3 of eight, where 84 % is 1.1 and 97.5 % 2.4; 3
+    of two, which are too few for 84 % (1.8) to count."""
+    final = variant("stretch", [1.0] * pictures)
+    other = variant("stretch", [1 - less + apart, 1 - less - apart] * (pictures // 2))
+    other.contract = replace(OWN, colour="bgr")
+    other.seen = [Detections(np.array([[90.0, 0, 95, 5]]), np.ones(1), np.zeros(1))] * pictures
+    assert other.standing(final, stated=False) == expected
 
 
 def test_one_line_a_sweep_for_models_with_the_same_doubt(tmp_path, reds, capsys, monkeypatch):
