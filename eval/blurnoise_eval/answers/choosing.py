@@ -13,6 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from blurnoise_eval.answers.settling import SETTLED
+
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 NEAR = 0.005
@@ -20,7 +22,7 @@ NEAR = 0.005
 FINER = 0.01
 """An exposure between those of the grid is used where it scores more than this above them."""
 SATURATED = 0.1
-"""A share of saturated values above this speaks against an exposure while another one works."""
+"""A share of saturated values above this speaks against an exposure while another one works, or scores alike."""
 AS_SATURATED = 0.05
 """Where all that work saturate more, shares this close to the least are equally good."""
 
@@ -78,18 +80,36 @@ def best_of_grid(exposures_s: Array, values: Array, of_grid: NDArray[np.bool_]) 
     return np.where(finer, best, grid[best_exposures(exposures_s[grid], values[..., grid])])
 
 
+def recommended(
+    exposures_s: ArrayLike, values: Array, saturated: ArrayLike, level: float, of_grid: NDArray[np.bool_]
+) -> Places:
+    """The place (...) of the exposure to use, by its values (..., E): the one rule of tables, page and searches.
+
+    saturated, level: see :func:`without_saturated`. of_grid: (E,), see :func:`best_of_grid`.
+
+    >>> at, every = np.array([0.001, 0.004, 0.016]), np.ones(3, bool)
+    >>> recommended(at, np.array([0.5, 0.9, 0.95]), [0.0, 0.01, 0.3], 0.8, every)  # not the third
+    array(1)
+    """
+    return best_of_grid(np.asarray(exposures_s, float), without_saturated(values, saturated, level), of_grid)
+
+
 def without_saturated(values: ArrayLike, saturated: ArrayLike, level: float) -> Array:
     """Values (..., E) with 0 where more than a tenth of the picture is saturated while another exposure works.
 
     Where all that work saturate more than a tenth, 0 for those that saturate clearly more than the least of them.
-    saturated: (..., E) share of saturated values, NaN where it is not known. level: the value from which an exposure
-    works.
+    Where none works, those within ``SETTLED`` of the best count as if they did. saturated: (..., E) share of
+    saturated values, NaN where it is not known. level: the value from which an exposure works.
 
     >>> without_saturated([0.8, 0.9, 0.95], [0.0, 0.05, 0.2], level=0.7).tolist()
     [0.8, 0.9, 0.0]
+    >>> without_saturated([0.3, 0.5, 0.52], [0.0, 0.05, 0.3], level=0.7).tolist()  # none works
+    [0.3, 0.5, 0.0]
     """
     value, share = np.asarray(values, float), np.nan_to_num(np.asarray(saturated, float))
-    least = np.where(value >= level, share, np.inf).min(axis=-1, keepdims=True)
+    best = np.fmax.reduce(value, axis=-1, keepdims=True)
+    works = value >= np.where(best >= level, level, best - SETTLED)
+    least = np.where(works, share, np.inf).min(axis=-1, keepdims=True)
     # Bright scenes may saturate at every exposure that works: then the least of them is the yardstick.
     limit = np.maximum(SATURATED, least + AS_SATURATED)
     limit = np.where(least <= SATURATED, SATURATED, limit)

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.answers.choosing import best_exposure, best_exposures, without_saturated
+from blurnoise_eval.answers.choosing import recommended
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import ScoreCurve
 from blurnoise_eval.answers.limits import DARK, TestedLine, WindowLimits, of_best, of_window
@@ -33,33 +34,59 @@ _MOST_PICTURES = 9999  # that are asked for
 
 
 def answers(
-    table: ScoreTable, criterion: Criterion, dark_below: float = DARK, *, monotone: bool = True
+    table: ScoreTable,
+    criterion: Criterion,
+    dark_below: float = DARK,
+    *,
+    monotone: bool = True,
+    grid_s: Sequence[float] = (),
 ) -> list[AnswerRow]:
     """An :func:`answer` for every setting and velocity of the table.
 
     dark_below: see :class:`~.limits.TestedLine`. monotone: whether no answer may be better at a higher speed, where
-    pictures move as a whole, see :mod:`.monotone`.
+    pictures move as a whole, see :mod:`.monotone`. grid_s: the exposures of the grid, none where all count alike.
     """
     rows = []
     for setting in table.take(table.measured).split(SETTING):
         uniform = monotone and is_uniform(setting)
         lines = list((pooled(setting) if uniform else setting).along("exposure_s"))
         curves = [ScoreCurve.over("exposure_s", line) for line in lines]
-        biases = [_selection_bias(curve, criterion.level) for curve in curves]
+        choices = [_Choice.of(curve.line, criterion.level, grid_s) for curve in curves]
         velocities = [line.velocities_px_s[0] for line in lines]
         if uniform:
             curves = nested(curves, velocities)
         speeds = [float(line.speeds_px_s[0]) for line in lines]
         slowest = lines[int(np.argmin(speeds))]
         at_slowest = slowest.conditions["exposure_s"], slowest.mean
-        for curve, bias, speed, velocity in zip(curves, biases, speeds, velocities, strict=True):
+        for curve, choice, speed, velocity in zip(curves, choices, speeds, velocities, strict=True):
             slower = _between(curve.x, *at_slowest) if speed > min(speeds) else None
             of = TestedLine(curve.line, slower, dark_below)
             # What surely works at one speed does at all slower ones, so that the least bias of these counts.
-            beside = zip(biases, velocities, strict=True)
-            nested_biases = [each for each, other in beside if uniform and is_faster(other, velocity)]
-            rows.append(answer(curve, of, criterion, bias, criterion.level + min([bias, *nested_biases])))
+            beside = zip(choices, velocities, strict=True)
+            faster = [each for each, other in beside if uniform and is_faster(other, velocity)]
+            bias = min(each.bias for each in (choice, *faster))
+            rows.append(answer(curve, of, criterion, choice, criterion.level + bias))
     return rows
+
+
+class _Choice(NamedTuple):
+    """The exposure that is chosen of a line, by its place, and by how much its score is too high because of that."""
+
+    place: int
+    bias: float
+
+    @classmethod
+    def of(cls, line: ScoreTable, level: float, grid_s: Sequence[float]) -> _Choice:
+        """By the rule of :mod:`.recommendation`."""
+        exposures = line.conditions["exposure_s"]
+        of_grid = np.isin(exposures, grid_s) if grid_s else np.ones(len(exposures), bool)
+
+        def choose(values: Array) -> NDArray[np.int64]:
+            return recommended(exposures, values, line.saturated, level, of_grid)
+
+        place = int(choose(line.mean))
+        bias = uncertainty.selection_bias(line.mean, line.influence[:, None], place, choose)
+        return cls(place, max(0.0, float(bias[0])))
 
 
 def _between(exposures_s: Sequence[float], tested_s: Array, mean: Array) -> Array:
@@ -71,24 +98,24 @@ def _between(exposures_s: Sequence[float], tested_s: Array, mean: Array) -> Arra
 
 
 def answer(
-    curve: ScoreCurve, line: TestedLine, criterion: Criterion, bias: float, sure_from: float
+    curve: ScoreCurve, line: TestedLine, criterion: Criterion, choice: _Choice, sure_from: float
 ) -> AnswerRow:
     """The answer for one model and group of targets in one setting and at one velocity.
 
-    bias: by how much a score is too high at the exposure that is chosen for it. sure_from: the level and the bias.
-    verdict: "works": at some tested exposure the low end of the interval is at or above ``sure_from``; "no exposure
-    works": at none in the range is the high end; else "cannot tell", as always below 8 pictures. Then
-    ``pictures_needed`` is how many should be enough in half of such cases (None: more than 9999).
+    sure_from: the level and the bias of the choice. verdict: "works": at some tested exposure the low end of the
+    interval is at or above ``sure_from``; "no exposure works": at none in the range is the high end; else "cannot
+    tell", as always below 8 pictures. Then ``pictures_needed`` is how many should be enough in half of such cases
+    (None: more than 9999).
 
-    recommended_s: a tested exposure; unless the verdict is "works" it is only the best guess. best_s: of equals the
-    shortest. The limits, see :mod:`.limits`, are those of the window with the recommended exposure, or else the
-    first; where there is no window, what holds ``best_s`` back.
+    recommended_s: None where no mean reaches the level; unless the verdict is "works" it is only the best guess.
+    best_s: of equals the shortest. The limits, see :mod:`.limits`, are those of the window with the recommended
+    exposure, or else the first; where there is no window, what holds ``best_s`` back.
     """
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(sure_from)
     saturated = tuple(table.saturated.tolist()) if np.isfinite(table.saturated).all() else None
     # Rounded: of values that are equal but for their last digits the shortest exposure is the best.
-    chosen, best = recommended(curve.x, mean, level, saturated), int(np.argmax(table.mean.round(12)))
+    best, recommended_s = int(np.argmax(table.mean.round(12))), curve.x[choice.place] if windows else None
     ends = curve.interval()
     low, high = (None, None) if ends is None else (tuple(end.tolist()) for end in ends)
     works = any(first <= x <= last for first, last in sure for x in curve.x)
@@ -96,10 +123,9 @@ def answer(
 
     def score_at(index: int) -> WithInterval:
         of = mean[index], None if low is None else low[index], None if high is None else high[index]
-        return corrected(WithInterval(*of), bias)
+        return corrected(WithInterval(*of), choice.bias)
 
     if windows:
-        recommended_s = None if chosen is None else curve.x[chosen]
         limits = of_window(line, windows[chosen_window(windows, recommended_s)], level)
     # Where the original pictures fail already, neither light nor motion is to blame.
     elif not criterion.kept and table.clean is not None and table.clean < level:
@@ -124,10 +150,10 @@ def answer(
         **table.sizes,
         verdict=verdict,
         pictures_needed=_pictures_needed(table, level) if verdict == CANNOT_TELL else None,
-        recommended_s=None if chosen is None else curve.x[chosen],
-        score_at_recommended=UNKNOWN if chosen is None else score_at(chosen),
-        saturated_share_at_recommended=None if chosen is None or saturated is None else saturated[chosen],
-        regret_95=None if chosen is None else _regret(curve, chosen),
+        recommended_s=recommended_s,
+        score_at_recommended=score_at(choice.place) if windows else UNKNOWN,
+        saturated_share_at_recommended=saturated[choice.place] if windows and saturated else None,
+        regret_95=_regret(curve, choice.place) if windows else None,
         saturated_share=saturated,
         criterion=criterion.text,
         best_s=curve.x[best],
@@ -137,33 +163,6 @@ def answer(
         best_limited_by=limits.by,
         clean_score=table.clean,
     )
-
-
-def recommended(
-    exposures_s: Sequence[float], values: Sequence[float], level: float, saturated: Sequence[float] | None
-) -> int | None:
-    """The place of the exposure to use, by the rule of :mod:`.recommendation`; None where none reaches the level.
-
-    >>> recommended([0.001, 0.004, 0.016], [0.5, 0.9, 0.95], 0.8, saturated=[0.0, 0.01, 0.3])  # not the third
-    1
-    """
-    counted = np.asarray(values, float)
-    if not (counted >= level).any():
-        return None
-    if saturated is not None:
-        counted = without_saturated(counted, saturated, level)
-    return best_exposure(exposures_s, np.where(counted >= level, counted, -1.0))  # no dip of a plateau
-
-
-def _selection_bias(curve: ScoreCurve, level: float) -> float:
-    """By how much the best score of a curve is too high, as its exposure was chosen for it."""
-
-    def best(values: Array) -> NDArray[np.int64]:
-        return best_exposures(curve.x, without_saturated(values, curve.line.saturated, level))
-
-    mean = curve.line.mean
-    bias = uncertainty.selection_bias(mean, curve.line.influence[:, None], int(best(mean)), best)
-    return max(0.0, float(bias[0]))
 
 
 def natural(text: str) -> list[tuple[int, float, str]]:

@@ -1,10 +1,11 @@
 """The recommended exposure: one rule for a condition, for a light, and for all tested conditions.
 
 It has the highest score on average over the conditions (lights, speeds, target groups), all weighted alike. An
-exposure that saturates more than a tenth of the picture on average is not recommended while another one works. Of
-exposures whose scores differ by less than ``NEAR`` the middle one is taken (in log exposure), so that a finer grid
-does not move the answer along a plateau. Exposures between those of the grid are used where they score more than
-``FINER`` above these: else what a refinement or a search happens to test would move the answer.
+exposure that saturates more than a tenth of the picture on average is not recommended while another one works or,
+where none does, scores alike. Of exposures whose scores differ by less than ``NEAR`` the middle one is taken (in log
+exposure), so that a finer grid does not move the answer along a plateau. Exposures between those of the grid are used
+where they score more than ``FINER`` above these: else what a refinement or a search happens to test would move the
+answer.
 
 Which exposure to use and how good the model is with it are two verdicts: an exposure may be *settled*
 (:class:`~.settling.Settled`) by few pictures, long before these tell whether it works.
@@ -24,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.answers.choosing import NEAR, best_of_grid, without_saturated
+from blurnoise_eval.answers.choosing import NEAR, recommended, without_saturated
 from blurnoise_eval.answers.rows import AverageCurve, RecommendationRow
 from blurnoise_eval.answers.settling import AsGood, Rivals, Settled, alike, settled
 from blurnoise_eval.answers.table import ScoreTable
@@ -143,8 +144,7 @@ class Averages:
         members, exposures = every[:, tested], np.array(self.exposures_s)[tested]
 
         def best(values: Array) -> Places:
-            counted = without_saturated(values, share[tested], self.level)
-            return best_of_grid(exposures, counted, self.of_grid[tested])
+            return recommended(exposures, values, share[tested], self.level, self.of_grid[tested])
 
         place = int(best(mean[tested]))
         e, chosen = tested[place], members[:, place]

@@ -67,8 +67,8 @@ def tables_of(
     curve_rows: list[CurveRow] = []
     # sorted() is stable: settings and velocities stay in their order
     for table in sorted(known, key=lambda table: (order[table.model], natural(table.group))):
-        answer_rows += answers(table, criterion, dark, monotone=setup.monotone)
         exposures, grid_s = table.conditions["exposure_s"], setup.grid_exposures_s
+        answer_rows += answers(table, criterion, dark, monotone=setup.monotone, grid_s=grid_s)
         if table.prediction_cov is not None:
             thinned = table.take(np.isin(exposures, np.unique(exposures)[::_FINE]))
             curve_rows += endurances(thinned, criterion, grid_s)

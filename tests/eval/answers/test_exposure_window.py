@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers.choosing import NEAR
+from blurnoise_eval.answers.choosing import NEAR, recommended
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import windows
-from blurnoise_eval.answers.exposure_window import answers, recommended
+from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.limits import TestedLine, of_best, of_window
 from hypothesis import given
 from hypothesis import strategies as st
@@ -35,10 +35,15 @@ def test_windows_by_hand(exposures_s, confidence, expected):
     assert [pytest.approx(window, rel=1e-9) for window in found] == expected
 
 
+def chosen(exposures_s, values, level):
+    none, every = np.zeros(len(exposures_s)), np.ones(len(exposures_s), bool)
+    return int(recommended(exposures_s, np.array(values), none, level, every))
+
+
 def test_recommended_is_the_middle_of_what_is_equally_good():
-    assert recommended(DECADES_S, (0.9, 0.9 - NEAR / 2, 0.897, 0.2), 0.6, None) == 1
-    assert recommended(DECADES_S, (0.95, 0.9, 0.89, 0.2), 0.6, None) == 0  # clearly best: no
-    assert recommended((0.02,), (0.7,), 0.6, None) == 0
+    assert chosen(DECADES_S, (0.9, 0.9 - NEAR / 2, 0.897, 0.2), 0.6) == 1
+    assert chosen(DECADES_S, (0.95, 0.9, 0.89, 0.2), 0.6) == 0  # clearly best: no
+    assert chosen((0.02,), (0.7,), 0.6) == 0
 
 
 curves = st.integers(1, 12).flatmap(
@@ -62,10 +67,7 @@ def test_windows_hold_exactly_the_exposures_that_work(drawn, threshold):
         inside = any(low <= exposure <= high for low, high in found)
         # A crossing may fall on the neighbour itself where the two differ by less than rounding shows.
         assert inside if value >= threshold else not inside or exposure in ends
-    choice = recommended(exposures, confidence, threshold, None)
-    assert (choice is None) == (max(confidence) < threshold)
-    if choice is not None:
-        assert confidence[choice] >= max(threshold, max(confidence) - NEAR)
+    assert confidence[chosen(exposures, confidence, threshold)] >= max(confidence) - NEAR
 
 
 def answer(by_exposure, threshold=0.6, counts=1.0):
