@@ -51,7 +51,7 @@ def answers(
         uniform = monotone and is_uniform(setting)
         lines = list((pooled(setting) if uniform else setting).along("exposure_s"))
         curves = [ScoreCurve.over("exposure_s", line) for line in lines]
-        choices = [_Choice.of(curve.line, criterion.level, grid_s) for curve in curves]
+        choices = [_ChosenOfLine.of(curve.line, criterion.level, grid_s) for curve in curves]
         velocities = [line.velocities_px_s[0] for line in lines]
         if uniform:
             curves = nested(curves, velocities)
@@ -69,14 +69,14 @@ def answers(
     return rows
 
 
-class _Choice(NamedTuple):
+class _ChosenOfLine(NamedTuple):
     """The exposure that is chosen of a line, by its place, and by how much its score is too high because of that."""
 
     place: int
     bias: float
 
     @classmethod
-    def of(cls, line: ScoreTable, level: float, grid_s: Sequence[float]) -> _Choice:
+    def of(cls, line: ScoreTable, level: float, grid_s: Sequence[float]) -> _ChosenOfLine:
         """By the rule of :mod:`.recommendation`."""
         exposures = line.conditions["exposure_s"]
         of_grid = np.isin(exposures, grid_s) if grid_s else np.ones(len(exposures), bool)
@@ -98,7 +98,7 @@ def _between(exposures_s: Sequence[float], tested_s: Array, mean: Array) -> Arra
 
 
 def answer(
-    curve: ScoreCurve, line: TestedLine, criterion: Criterion, choice: _Choice, sure_from: float
+    curve: ScoreCurve, line: TestedLine, criterion: Criterion, choice: _ChosenOfLine, sure_from: float
 ) -> AnswerRow:
     """The answer for one model and group of targets in one setting and at one velocity.
 
@@ -185,7 +185,8 @@ def _pictures_needed(line: ScoreTable, level: float) -> int | None:
     above = mean > level
     spread = np.nanstd(line.influence[:, known], axis=0)
     # The unseen cluster of an interval pulls towards the bound that lies beyond the level.
-    pull = np.where(above, mean, line.most - mean)  # of the bound beyond the level
+    reach = uncertainty.reach(mean, line.influence[:, known], line.most)
+    pull = np.where(above, mean, reach - mean)  # of the bound beyond the level
     asked = zip(np.abs(mean - level).tolist(), spread.tolist(), pull.tolist(), strict=True)
     needed = np.array([uncertainty.pictures_needed(*each, _MOST_PICTURES) for each in asked])
     count = int(needed[above].min() if above.any() else needed.max())

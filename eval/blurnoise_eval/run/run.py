@@ -270,7 +270,7 @@ class Run:
 
     def strategy_sentences(self) -> list[str]:
         """How many conditions a search has computed, or why it was the full grid; nothing of other runs."""
-        return strategy_sentences(self.setup)
+        return strategy_sentences(self.setup, self.tables.recommendations)
 
     # --- pictures and models ---
 

@@ -14,7 +14,7 @@ from blurnoise_eval.answers.curves import endurances, endurances_across
 from blurnoise_eval.answers.exposure_window import answers, natural
 from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.recommendation import average_curve, recommendations
-from blurnoise_eval.answers.rows import AnswerRow, CurveRow
+from blurnoise_eval.answers.rows import AnswerRow, CurveRow, RecommendationRow
 from blurnoise_eval.answers.settling import SETTLED
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData
@@ -101,11 +101,12 @@ def tables_of(
         setup.grid_exposures_s,
         setup.labelled,
     )
+    recommended = [row for average in averages for row in recommendations(average)]
     manifest["predicted"] = setup.predicted
     if not setup.searched:
         manifest["warnings"] += strategy_sentences(setup)
     else:
-        manifest["searched"] = strategy_sentences(setup)
+        manifest["searched"] = strategy_sentences(setup, recommended)
         # means over a grid's conditions, which a search does not visit evenly
         models = [replace(model, mpc=UNKNOWN, rpc=UNKNOWN) for model in models]
     return RunData(
@@ -116,7 +117,7 @@ def tables_of(
         answer_rows,
         curve_rows,
         list(_examples(store, setup)),
-        [row for average in averages for row in recommendations(average)],
+        recommended,
         [average_curve(average) for average in averages],
     )
 
@@ -163,23 +164,36 @@ def search_counts(setup: Setup) -> Row | None:
     }
 
 
-def strategy_sentences(setup: Setup) -> list[str]:
-    """How many conditions a search has computed, or why it was the full grid; nothing of other runs."""
-    counts = search_counts(setup)
-    if counts is None:
+def strategy_sentences(setup: Setup, recommended: Sequence[RecommendationRow] = ()) -> list[str]:
+    """How many conditions a search has computed, and what those that it left out may gain over the recommended
+    exposures; or why it was the full grid. Nothing of other runs."""
+    counts, space = search_counts(setup), setup.search_space
+    if counts is None or space is None:
         return []
     if counts["because"]:
         reasons = "; ".join(counts["because"])
         return [f"The full grid of {counted(counts['nodes'], 'condition')} was computed: {reasons}."]
     sentence = (
         f"{counted(counts['nodes'], 'condition')} with {counted(counts['pictures'], 'picture')}: "
-        f"{counted(counts['cells'], 'cell')}. The grid would need {counts['grid_cells']} without its refinement."
+        f"{counted(counts['cells'], 'cell')}. A sweep computes the {space.grid_conditions} of the grid, and more "
+        "when it refines."
     )
     if setup.predicted:
         return [sentence, _PREDICTED]
     if setup.has_whole_grid:
         return [sentence, "All of the grid was needed."]
-    return [sentence, f"No exposure that was not tested promises more than {SETTLED:g} above those to use."]
+    untested = [row.untested_gain for row in recommended if row.untested_gain is not None]
+    if not untested:
+        return [sentence]
+    if max(untested) <= SETTLED:
+        return [
+            sentence,
+            f"No exposure that was not tested promises more than {SETTLED:g} above those to use.",
+        ]
+    more = f"An exposure that was not tested may score {max(untested):.2f} more than one of those to use"
+    if counts["nodes"] < space.grid_conditions:
+        return [sentence, f"The search has not finished. {more}. The same 'blurnoise decide' continues it."]
+    return [sentence, f"{more}."]
 
 
 def _manifest(store: Store, setup: Setup, criterion: Criterion) -> Row:

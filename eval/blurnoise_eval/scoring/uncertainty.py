@@ -30,6 +30,9 @@ NORMAL = 1.96
 """Standard errors to either side of the mean that hold 95 % of a normal distribution."""
 UNSEEN = 0.25
 """Weight of the unseen cluster at the bound, in clusters; with 0.1 the coverage is too low, with 0.5 too high."""
+SURPASS = 2.5
+"""So many times the best cluster's share of the score on the original pictures, or all of that, an unseen one may
+keep; with 2 too few intervals of made-up photographs hold."""
 DRAWS = 1000
 MOST_CLUSTERS = 128
 """Further clusters are joined to these: leaving out a hundred groups in turn tells as much as leaving out each."""
@@ -231,10 +234,9 @@ def of_level(
 ) -> Ends:
     """The interval of a mean (...) of values from 0 to ``most``, by the clusters' influence on it (n, ...).
 
-    most: of a kept share 1 by the score in the original pictures, however little was kept. Infinite: no bound is
-    known, and the greatest value of a cluster, or 1, serves. sigma: standard deviation (...) of a mean that is
-    predicted, beside what clusters differ by; the squares of half-widths add. clusters: how many they are worth,
-    where sizes differ, as :func:`effective`.
+    most: of a kept share 1 by the score in the original pictures, or infinite, see :func:`reach`. sigma: standard
+    deviation (...) of a mean that is predicted, beside what clusters differ by; the squares of half-widths add.
+    clusters: how many they are worth, where sizes differ, as :func:`effective`.
 
     >>> away = np.array([0.3, -0.3] * 10)
     >>> low, high = of_level(0.6, away)
@@ -246,13 +248,26 @@ def of_level(
     if not known.any():
         nowhere = np.full(np.broadcast(middle, known).shape, np.nan)
         return Ends(nowhere, nowhere)
-    greatest = np.maximum(1.0, middle + _centred(influence)[0].max(axis=0, initial=0.0))
-    top = np.where(np.isinf(most), greatest, most)
-    low, high = (np.where(known, end, np.nan) for end in bounded(mean, influence, (0.0, top)))
+    within = 0.0, reach(mean, influence, most)
+    low, high = (np.where(known, end, np.nan) for end in bounded(mean, influence, within))
     if half.any():
         # What clusters differ by and what a prediction misses are independent: their squares add.
         low, high = middle - np.hypot(middle - low, half), middle + np.hypot(high - middle, half)
     return Ends(low.clip(0.0, most), high.clip(0.0, most))
+
+
+def reach(mean: ArrayLike, influence: ArrayLike, most: ArrayLike) -> Array:
+    """What an unseen cluster may have at most, where ``most`` is possible; arguments as of :func:`of_level`.
+
+    A kept share may be as high as 1 by a score of .07 on the original pictures, which no picture keeps. There it is
+    ``SURPASS`` times what the best cluster has, or 1.
+
+    >>> away = np.array([0.3, -0.3] * 10)
+    >>> reach(0.6, away, 1.0), reach(0.6, away, 14.0)
+    (array(1.), array(2.5))
+    """
+    best = np.asarray(mean, float) + _centred(influence)[0].max(axis=0, initial=0.0)
+    return np.asarray(np.minimum(most, SURPASS * np.maximum(1.0, best)))
 
 
 def of_difference(mean: ArrayLike, influence: ArrayLike, confidence: float = CONFIDENCE) -> Ends:

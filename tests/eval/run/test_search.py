@@ -145,9 +145,12 @@ def test_stopped_it_goes_on_to_the_same_conditions(searched, detector, tmp_path)
 
     with pytest.raises(KeyboardInterrupt):
         decided(tmp_path, detector, engine=Stopping(PICTURES, CAMERA, smooth))
-    rows = Run.open(tmp_path).tables.recommendations
-    assert max(row.untested_gain or 0.0 for row in rows) > SETTLED
-    assert None in {row.settled for row in rows}
+    stopped = Run.open(tmp_path)
+    most = max(row.untested_gain or 0.0 for row in stopped.tables.recommendations)
+    assert most > SETTLED
+    assert None in {row.settled for row in stopped.tables.recommendations}
+    unfinished = f"The search has not finished. An exposure that was not tested may score {most:.2f} more"
+    assert stopped.strategy_sentences()[1].startswith(unfinished)
     again = decided(tmp_path, detector)
     assert again.setup.batches == searched.setup.batches
     assert again.answers == searched.answers
@@ -156,10 +159,8 @@ def test_stopped_it_goes_on_to_the_same_conditions(searched, detector, tmp_path)
 def test_it_says_what_it_has_left_out(searched):
     first, second = searched.strategy_sentences()
     n = searched.setup.chosen
-    assert (
-        first
-        == f"{n} conditions with 9 pictures: {9 * n} cells. The grid would need {9 * GRID} without its refinement."
-    )
+    of_sweep = f"A sweep computes the {GRID} of the grid, and more when it refines."
+    assert first == f"{n} conditions with 9 pictures: {9 * n} cells. {of_sweep}"
     assert second == "No exposure that was not tested promises more than 0.03 above those to use."
 
 

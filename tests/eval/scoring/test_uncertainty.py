@@ -1,5 +1,7 @@
 """Intervals of means over clusters: closed forms, SciPy, exact shares, and what they hold in simulation."""
 
+import math
+
 import numpy as np
 import pytest
 from blurnoise_eval.scoring import uncertainty
@@ -98,3 +100,16 @@ def test_interval_reaches_down_to_that_of_the_cautious_estimate():
     both = mean_of([given, plain])
     assert both.cautious.value == pytest.approx(values.mean() - 0.05)
     assert ratio(given, given).cautious is None
+
+
+@pytest.mark.parametrize(("best", "least", "at_most"), [(0.3, 0.6, 0.7), (2.0, 0.9, 1.05)])
+def test_an_unseen_picture_keeps_no_more_than_one_can_believe(best, least, at_most):
+    """Kept shares of 20 pictures, .47 on average, of a detector that scores .07 on the original ones: an unseen
+    picture might keep 14 times that. One keeps ``best`` more than that mean, the others as much less."""
+    away = np.full(20, -best / 19)
+    away[0] = best
+    high = float(uncertainty.of_level(0.47, away, most=14.0).high)
+    assert least < high < at_most
+    assert high == float(uncertainty.of_level(0.47, away, most=math.inf).high)
+    bounded = uncertainty.of_level(0.47, away.clip(max=0.53), most=1.0).high
+    assert bounded == uncertainty.bounded(0.47, away.clip(max=0.53), (0.0, 1.0)).high  # a score cannot pass 1
