@@ -111,8 +111,11 @@ def cost(limit: ExposureCap, program_value: float | None, even: bool) -> str:
     against = f"Against {longest} ms it {' and '.join(_effect(end, unit) for end in ends)}. "
     text = "" if _is_longest(limit) else against
     darkest = limit.lights[0]
+    # The metering is that of the mean picture, and half of the pictures are darker.
     more = (
-        ", the most that the camera has, and pictures are darker than it wants" if darkest.lacks_gain else ""
+        ", the most that the camera has, and pictures are darker than it wants"
+        if darkest.lacks_gain
+        else " for a picture of mean brightness, and more for darker ones"
     )
     text += f"At {lux_text(darkest.illuminance_lux)} lux the gain is then {darkest.gain_db:.1f} dB{more}."
     if program_value is not None and limit.schedule.value is not None:

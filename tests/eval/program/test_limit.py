@@ -119,7 +119,8 @@ def test_words_say_cap_shares_and_gain(limit):
     assert (
         "Shares of the speeds: 0 px/s 0.5, 800 px/s 0.5 (equal because none were given; see --speeds)" in text
     )
-    assert f"At 1 lux the gain is then {limit.lights[0].gain_db:.1f} dB" in text
+    gain = f"At 1 lux the gain is then {limit.lights[0].gain_db:.1f} dB"
+    assert f"{gain} for a picture of mean brightness, and more for darker ones." in text
     assert "A program, with times for each light, reaches 0.010 more." in text
     assert f"setAutoExposureLimit({int(1e6 * limit.limit_s)})" in text
 
