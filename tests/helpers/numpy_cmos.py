@@ -12,6 +12,7 @@ class Cmos:
     """Figures in electrons unless DN is said. row_gain: of independent rows; hot: share of hot pixels.
 
     sag: share of the range from which the signal bends to it, 1 never. wander_dn: of the black level, by frame.
+    least_dn: what is below becomes it.
     """
 
     bits: int = 12
@@ -26,6 +27,7 @@ class Cmos:
     black_dn: float = 60.0
     sag: float = 1.0
     wander_dn: float = 0.0
+    least_dn: float = 0.0
     size: tuple[int, int] = (160, 200)
 
     @property
@@ -59,7 +61,9 @@ def save(folder, cmos, shares, *, seed=0, frames=2):
                     (height, 1)
                 )
                 dn = cmos.black_dn + cmos.gain * (signal + noise + offset)
-                dn = np.rint(dn + cmos.wander_dn * random.standard_normal()).clip(0, 2**cmos.bits - 1)
+                dn = np.rint(dn + cmos.wander_dn * random.standard_normal()).clip(
+                    cmos.least_dn, 2**cmos.bits - 1
+                )
                 name = f"{kind}_{step}_{number}.npy"
                 np.save(folder / name, dn.astype(np.uint8 if cmos.bits == 8 else np.uint16))
                 photons = 2 * share * cmos.range_e if kind == "flat" else ""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,7 +28,8 @@ _BLOCKS = 8  # along each side
 
 @dataclass(frozen=True)
 class Doubt:
-    """figures: names of the doubtful figures; margin: by which the interval of the first grows on both sides.
+    """figures: names of the doubtful figures; margin: by which the interval of the first grows on both sides;
+    reaches: what intervals hold in any case, by figure.
 
     >>> Doubt(("dsnu_e",), "hot pixels").margin
     0.0
@@ -37,19 +38,27 @@ class Doubt:
     figures: tuple[str, ...]
     text: str
     margin: float = 0.0
+    reaches: Mapping[str, float] = field(default_factory=dict)
 
     def widen(self, estimates: dict[str, Estimate]) -> None:
-        """Add the margin to the interval of the first figure.
+        """Widen intervals by the margin, and to what they have to reach.
 
         >>> estimates = {"dsnu_e": Estimate(1.0, 0.9, 1.1)}
         >>> Doubt(("dsnu_e",), "hot pixels", margin=0.5).widen(estimates)
         >>> estimates["dsnu_e"].low, estimates["dsnu_e"].high
         (0.4, 1.6)
+        >>> Doubt(("dsnu_e",), "clamped", reaches={"dsnu_e": 2.0}).widen(estimates)
+        >>> estimates["dsnu_e"].low, estimates["dsnu_e"].high
+        (0.4, 2.0)
         """
         name = self.figures[0]
         if self.margin and (estimate := estimates.get(name)):
             low, high = max(0.0, estimate.low - self.margin), estimate.high + self.margin
             estimates[name] = replace(estimate, low=low, high=high)
+        for name, value in self.reaches.items():
+            if estimate := estimates.get(name):
+                low, high = min(estimate.low, value), max(estimate.high, value)
+                estimates[name] = replace(estimate, low=low, high=high)
 
 
 def warming(dark: Sequence[Level], fit: Transfer) -> Doubt | None:
@@ -133,9 +142,11 @@ def clamped(dark: Sequence[Level], fit: Transfer) -> Doubt | None:
     level, cut = found[0]
     counts = level.counts.astype(float)
     share = level.share(cut)
-    (_, step) = checks.normal_cut(
+    end, step = checks.normal_cut(
         np.array([counts[: cut + 1].sum(), *counts[cut + 1 :][counts[cut + 1 :] > 0]])
     )
+    # As far above the number's end as its share says, and three deviations of that.
+    black_dn = cut + 0.5 - float((end[0] + 3 / math.sqrt(level.pixels)) / step[0])
     noise_e, read_e = 1 / float(step[0]) / fit.gain, math.sqrt(fit.read_dn2) / fit.gain
     by_others = f"by the pixels above, read noise and DSNU are {noise_e:.3g} e- together"
     return Doubt(
@@ -144,6 +155,7 @@ def clamped(dark: Sequence[Level], fit: Transfer) -> Doubt | None:
         f"{by_others}; raise the black level of the camera",
         # A normal distribution that is cut at a small share loses up to this share of its deviation.
         max(noise_e - read_e, read_e * min(share, checks.MOST_CUT)),
+        {"dsnu_e": noise_e, "black_level_dn": black_dn},
     )
 
 

@@ -88,3 +88,13 @@ def test_full_wells_are_not_held_against_the_camera(tmp_path):
     found = measure(save(tmp_path / "frames", cmos, np.linspace(0.06, 1.2, 15)), bit_depth=12)
     assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(cmos.gain, rel=0.01)
     assert misses(found, camera_of(found, "mine")) == []
+
+
+def test_what_a_clamped_black_hides_is_within_the_intervals(tmp_path):
+    """Noise and DSNU of 0.8 DN together, of which what is below the black level becomes that."""
+    cmos = Cmos(bits=10, gain=0.1, read=7.0, dsnu=3.0, least_dn=60.0)
+    found = measure(save(tmp_path / "frames", cmos, SHARES), bit_depth=10)
+    assert any("black seems clamped" in doubt.text for doubt in found.doubts)
+    for name, true in (("read_noise_e", 7.0), ("dsnu_e", 3.0), ("black_level_dn", 60.0)):
+        estimate = found.estimates[name]
+        assert estimate.low <= true <= estimate.high, (name, estimate)
