@@ -169,8 +169,7 @@ class _OfModel:
             *(axis.text(row.conditions[axis.name]) for axis in self.axes[1:]),
         ]
 
-    def _light_text(self, lux: float) -> str:
-        """'1 lux', or '1 lux (street)' of named lights."""
+    def _light_text(self, lux: float) -> str:  # '1 lux', or '1 lux (street)' of named lights
         return LIGHT.text(lux) + (f" ({self.named[lux]})" if lux in self.named else "")
 
     def _speed_text(self, speed: float) -> str:
@@ -236,7 +235,8 @@ class _OfModel:
             return (
                 f"{use}.{self._settled([row])} It {self._reached(row)}. {verdict}{self._unsure(row)}{bright}"
             )
-        use = f"Use {use}" if 2 * row.n_works >= n else f"The best single exposure is {use}"
+        best = "only tested exposure" if len(self.data.axes[0].values) == 1 else "best single exposure"
+        use = f"Use {use}" if 2 * row.n_works >= n else f"The {best} is {use}"
         works = self._works(row.n_works, row.n_fails, n) + self._unsure(row)
         found = f"{use}.{self._settled([row])} It {self._reached(row)}{self._over(brief=brief)}.{works}"
         return found if brief else f"{found}{self._better(row)}{self._weakest()}{bright}"

@@ -66,6 +66,16 @@ def test_the_figure_of_one_exposure_is_over_the_light(tmp_path, models, lines):
     assert drawn == pytest.approx(sum(chosen) / len(chosen), abs=3e-3)
 
 
+def test_the_only_exposure_is_not_called_the_best(tmp_path):
+    data = made_run(tmp_path, exposures_s=(0.004,), n_examples=0)
+    none = [replace(row, n_works=0, verdict="cannot tell") for row in data.recommendations]
+    assert (
+        opening(replace(data, recommendations=none))
+        .sentences[0]
+        .startswith("The only tested exposure is 4 ms.")
+    )
+
+
 @pytest.mark.parametrize("shape", [{"exposures_s": (0.004,), "lights_lux": (200.0,)}, {"groups": {}}])
 def test_without_two_conditions_or_targets_there_is_no_figure(tmp_path, shape):
     data = made_run(tmp_path, n_examples=0, **shape)
