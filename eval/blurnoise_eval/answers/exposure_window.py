@@ -131,7 +131,7 @@ def answer(
     elif not criterion.kept and table.clean is not None and table.clean < level:
         limits = WindowLimits(by="the model, as the original pictures show")
     else:
-        limits = of_best(line, best)
+        limits = of_best(line, best, level)
     return AnswerRow(
         model=table.model,
         group=table.group,

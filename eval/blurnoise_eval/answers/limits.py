@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise_eval.answers.choosing import SATURATED
 from blurnoise_eval.answers.table import ScoreTable
 
 Limit = Literal["missed pulses", "noise", "darkness", "blur", "saturation"]
@@ -101,18 +102,23 @@ def of_window(line: TestedLine, window: tuple[float, float], level: float) -> Wi
     return WindowLimits(low, high)
 
 
-def of_best(line: TestedLine, best: int) -> WindowLimits:
-    """What holds the best of the tested exposures back, where none works.
+def of_best(line: TestedLine, best: int, level: float) -> WindowLimits:
+    """What holds the best of the tested exposures back, where none reaches the level.
 
     By the slowest speed under this light: noise or darkness, if it does better at a longer time or still rises at the
     longest tested; saturation, if at a shorter one. Beside it blur: if the slowest does better with the same light
     and time, or with the longer exposure that would bring the light, at which this line is worse. On the slowest line
     itself: what has the value fall on either side of the best, and too little light if it still rises at the longest
-    tested.
+    tested. With one exposure there is nothing beside it: what the slowest line lacks is light, unless much saturates.
     """
     value, x = line.of.mean, line.x
     parts: list[Limit | None] = []
-    if line.slower is not None and np.isfinite(line.slower[best]):
+    if len(x) == 1:
+        slowest = value[0] if line.slower is None or np.isnan(line.slower[0]) else line.slower[0]
+        parts += ["blur"] * bool(slowest - value[0] > MATTERS)
+        burned = line.of.saturated[0] > SATURATED
+        parts += [("saturation" if burned else line.lacks(0)) if slowest < level else None]
+    elif line.slower is not None and np.isfinite(line.slower[best]):
         slowest, after = line.slower[best], slice(best + 1, None)
         brighter = line.slower[after] - slowest > MATTERS
         if (
@@ -123,8 +129,9 @@ def of_best(line: TestedLine, best: int) -> WindowLimits:
         rises = best + 1 == len(x) > 1 and slowest - line.slower[best - 1] > MATTERS
         if brighter.any() or rises:
             parts.append(line.lacks(best))
-        elif (line.slower[:best] - slowest > MATTERS).any():
-            parts.append("saturation")
+        else:
+            falls = best == 0 and slowest - line.slower[1] > MATTERS and line.saturates(1, [0])
+            parts += ["saturation"] * bool(falls or (line.slower[:best] - slowest > MATTERS).any())
     else:
         if best > 0 and value[best] - value[best - 1] > MATTERS:
             parts.append(line.lacks(best - 1 if best + 1 < len(x) else best))

@@ -143,7 +143,7 @@ class StandardRow:
         unit = f", {row.unit}" if row.unit else ""
         numbers = ["-" if math.isnan(x) else f"{x:.4g}" for x in (self.standard.value, self.camera)]
         scale, of = (100.0, " %") if row.relative else (1.0, f" {row.unit}")
-        apart = "-" if math.isnan(self.difference) else f"{scale * self.difference:+.2g}{of}"
+        apart = "-" if math.isnan(self.difference) else f"{float(f'{scale * self.difference:.2g}'):+g}{of}"
         allowed = "-" if row.tolerance is None else f"{scale * row.tolerance:g}{of}"
         return (f"{row.title}{unit}", *numbers, apart, allowed, self.verdict, self.why)
 

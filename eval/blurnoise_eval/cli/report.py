@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -101,11 +104,20 @@ def print_run(
         return
     summary = done.summary(written)
     # The answers need no figure, and drawing these takes longer than finding those.
-    done.report(written, coco=coco, before=lambda: _print_answers(done, summary, about))
+    done.report(written, coco=coco, before=lambda: _unless_gone(_print_answers, done, summary, about))
     took = f" in {done.outcome.wall_s:.0f} s" if done.outcome is not None else ""
     n_skipped = len(summary["skipped"])
     skipped = f", {counted(n_skipped, 'picture')} skipped" if n_skipped else ""
     say(f"{summary['cells']} cells{took}{skipped}. Details: {summary['report']}")
+
+
+def _unless_gone(print_them: Callable[..., None], *about: Any) -> None:
+    """Print, unless whoever read the output has gone, as 'head' does: the files are written all the same."""
+    try:
+        print_them(*about)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _say_skipped(summary: Mapping[str, Any]) -> None:

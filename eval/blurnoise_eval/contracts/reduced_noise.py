@@ -25,7 +25,7 @@ def resize_doubt(detector: Detector, images: Sequence[Image]) -> str:
     """
     contract = detector.contract
     source = contract.sources["resize_filter"]
-    if contract.resize_filter != "bilinear" or not source.startswith(("preset", "assumed")) or not images:
+    if contract.resize_filter != "bilinear" or contract.states("resize_filter") or not images:
         return ""
     placement = detector.prepare(max(images, key=np.size))[1]
     width, height = placement.width_px, placement.height_px

@@ -187,6 +187,10 @@ class Sourced:
             if source.startswith("assumed")
         ]
 
+    def states(self, name: str) -> bool:
+        """Whether somebody, or the graph, stated a field: it is no preset's and not assumed."""
+        return not self.sources[name].startswith(("preset", "assumed"))
+
     def to_dict(self) -> dict[str, Any]:
         """The fields in types of JSON, with ``sources``. A contract file may contain sources; they are ignored."""
         values = asdict(self)

@@ -168,7 +168,9 @@ def contract_option(contract: Contract) -> str | None:
     """
     parts = [contract.family]
     for name in contract.names():
-        if (value := getattr(contract, name)) != getattr(PRESETS[contract.family], name):
+        # A filter is doubted unless it is stated, also if it is the preset's.
+        stated = name == "resize_filter" and contract.states(name)
+        if (value := getattr(contract, name)) != getattr(PRESETS[contract.family], name) or stated:
             value = value.replace(", ", "/") if name == "outputs" and value else value
             entries = value if isinstance(value, tuple) else ("none" if value is None else value,)
             parts.append(f"{name}=" + ("x" if name == "input_size_px" else "/").join(map(str, entries)))
@@ -180,8 +182,11 @@ def contract_option(contract: Contract) -> str | None:
 
 
 def contract_document(contract: Contract) -> dict[str, Any]:
-    """The content of a contract file: all fields but the sources; the classes of COCO by their short name."""
+    """The content of a contract file: all fields but the sources, and a resize filter that nobody stated, since no
+    picture can confirm it. The classes of COCO have their short name."""
     short = {COCO80: "coco80", COCO91: "coco91"}
     document = contract.to_dict() | {"classes": short.get(contract.classes, list(contract.classes))}
     del document["sources"]
+    if not contract.states("resize_filter"):
+        del document["resize_filter"]
     return document

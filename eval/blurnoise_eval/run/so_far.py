@@ -29,6 +29,8 @@ class FirstAnswer:
 def so_far(store: Store, plan: SweepPlan, model: str) -> list[str]:
     """A line for each light, as soon as a picture with targets has all of its cells; until then none.
 
+    Nor of one exposure, which nothing is better than, or of lights in which nothing is found.
+
     >>> import tempfile
     >>> from pathlib import Path
     >>> with Store(Path(tempfile.mkdtemp()), create=True) as store:  # without a cell
@@ -36,8 +38,11 @@ def so_far(store: Store, plan: SweepPlan, model: str) -> list[str]:
     []
     """
     lines: dict[float, str] = {}
-    image = queries.complete_picture(store, model, plan.cells_per_picture)
+    several = len(plan.values(EXPOSURE.name)) > 1
+    image = queries.complete_picture(store, model, plan.cells_per_picture) if several else None
     for lux, exposure_s, mean in queries.mean_confidences(store, model, image) if image else ():
+        if mean < 0.005:  # 0.00, as printed
+            continue
         named = plan.light_at(lux)
         where = LIGHT.text(lux) + (f" ({named.name})" if named else "")
         best = f"{EXPOSURE.text(exposure_s)} serves {model} best (mean confidence {mean:.2f})"

@@ -26,7 +26,7 @@ from blurnoise.scene.cutting import Cut, Matte, cut_out
 from blurnoise.scene.metering import anchored, mean_luma
 from blurnoise.scene.scene import scene_reflectance
 from blurnoise_eval.datasets import decode, decode_any, segmentation, unit
-from blurnoise_eval.plan.axes import AXES, EGO, HEADLAMP
+from blurnoise_eval.plan.axes import AXES, EGO, GAIN, HEADLAMP
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.plan.files import SceneFile
 from blurnoise_eval.plan.lamps import emitters_of, pwm_of
@@ -140,7 +140,7 @@ def _camera(config: SceneFile, camera: Camera) -> Camera:
 def _automatic(config: SceneFile, at: Conditions, exposure: Exposure) -> Exposure:
     """The exposure with an auto-exposure for what the file leaves to the camera."""
     time = at.exposure_s == AUTOMATIC
-    if time and at["gain_db"] not in (None, 0.0, AUTOMATIC):
+    if time and GAIN.name in config.grid and at["gain_db"] != AUTOMATIC:
         raise ValueError(
             f"gain_db = {at['gain_db']:g}: needs a fixed exposure; an automatic exposure sets the gain, too"
         )

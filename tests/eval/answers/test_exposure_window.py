@@ -180,8 +180,9 @@ UNKNOWN = (np.nan,) * 4
 
 
 def line(value, slower=None, *, moves=True, saturated=(0.0,) * 4, brightness=AIMED):
-    shown = {"saturated": np.array(saturated)[:, None], "brightness": np.array(brightness)[:, None]}
-    of = table(np.array(value)[None, :, None], X_S, [(100.0 * moves, 0.0)], **shown)
+    n = len(value)
+    shown = {"saturated": np.array(saturated[:n])[:, None], "brightness": np.array(brightness[:n])[:, None]}
+    of = table(np.array(value)[None, :, None], X_S[:n], [(100.0 * moves, 0.0)], **shown)
     return TestedLine(of, None if slower is None else np.array(slower))
 
 
@@ -229,8 +230,15 @@ def test_ends_of_a_window(given, expected):
         (line((0.1, 0.4, 0.5, 0.1), moves=False, saturated=WHITE), "noise and saturation"),
         (line((0.1, 0.4, 0.5, 0.1)), "noise and blur"),
         (line((0.5, 0.5, 0.5, 0.5), moves=False), None),
+        # saturated from the shortest on, as at rest
+        (line((0.5, 0.3, 0.1, 0.1), (0.5, 0.3, 0.1, 0.1), saturated=(0.2, 0.5, 0.9, 0.9)), "saturation"),
+        # one exposure: what is wrong at rest, and what motion adds
+        (line((0.3,), moves=False), "noise"),
+        (line((0.3,), (0.4,), saturated=(0.9,)), "blur and saturation"),
+        (line((0.3,), (0.3,), brightness=(0.1,)), "darkness"),
+        (line((0.3,), (0.85,)), "blur"),
     ],
 )
 def test_what_holds_the_best_back(given, expected):
-    found = of_best(given, int(given.of.mean.argmax()))
+    found = of_best(given, int(given.of.mean.argmax()), 0.8)
     assert found.by == expected

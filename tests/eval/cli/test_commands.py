@@ -144,3 +144,21 @@ def test_output_that_cannot_be_written_is_a_line(output, code, said):
     assert "Traceback" not in done.stderr
     assert said in done.stderr
     assert done.stderr.count("\n") <= 1
+
+
+@pytest.mark.slow
+def test_a_run_whose_output_nobody_reads_is_written(tmp_path):
+    """As 'head -1' does, 'true' closes the pipe while answers are printed."""
+    words = "sweep --limit 1 --exposure-ms 10 --lux 100 --dx 0 -o run"
+    done = subprocess.run(
+        [
+            "bash",
+            "-o",
+            "pipefail",
+            "-c",
+            f"{sys.executable} -m blurnoise_eval.cli {words} 2>/dev/null | true",
+        ],
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0
+    assert (tmp_path / "run" / "report.html").is_file()

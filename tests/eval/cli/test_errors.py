@@ -38,6 +38,7 @@ COMMANDS = {
     ],
     "decide -o run": [("--exposure-ms 5:1", "low:high"), ("--lux -1", "--lux = -1"), ("--gain loud", "loud")],
     "simulate street.png -o out.png": [
+        ("--exposure-ms auto --gain 0", "--gain = 0: needs a fixed exposure"),
         ("--exposure-ms -5", "--exposure-ms = -5.0: must be"),
         ("--lux 1,2", "--lux: must be one value"),
         ("--light street,dusk", "--light: must be one value"),

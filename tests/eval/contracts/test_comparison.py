@@ -11,7 +11,7 @@ from blurnoise_eval.contracts.reduced_noise import resize_doubt
 from blurnoise_eval.contracts.variants import Variant
 from blurnoise_eval.datasets import image_folder, write_picture
 from blurnoise_eval.detectors.contract import INPUT_VALUES, Contract
-from blurnoise_eval.detectors.contract_files import preset
+from blurnoise_eval.detectors.contract_files import contract_document, contract_option, preset
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
 from constant_graphs import constant_graph
@@ -246,6 +246,19 @@ def test_a_filter_that_somebody_stated_is_not_doubted(tmp_path):
     constant_graph(tmp_path / "m.onnx", [np.zeros((1, 84, 21), np.float32)], (32, 32))
     detector = Detector(tmp_path / "m.onnx", contract="yolov8,size=32,filter=bilinear")
     assert resize_doubt(detector, [np.zeros((96, 96, 3), np.uint8)]) == ""
+
+
+def test_a_filter_that_nobody_stated_is_not_written_and_stays_doubted(tmp_path):
+    constant_graph(tmp_path / "m.onnx", [np.zeros((1, 84, 21), np.float32)], (32, 32))
+    unstated = Detector(tmp_path / "m.onnx", contract="yolov8,size=32").contract
+    document = contract_document(unstated)
+    assert "resize_filter" not in document
+    again = Detector(tmp_path / "m.onnx", contract=document)
+    assert "resize_filter" in resize_doubt(again, [np.zeros((96, 96, 3), np.uint8)])
+    stated = Detector(tmp_path / "m.onnx", contract="yolov8,size=32,filter=bilinear").contract
+    assert contract_document(stated)["resize_filter"] == "bilinear"
+    assert "resize_filter=bilinear" in contract_option(stated)
+    assert "resize_filter" not in contract_option(unstated)
 
 
 def test_a_run_s_comparison_names_the_filter(tmp_path):

@@ -176,6 +176,15 @@ def test_a_strategy_of_ones_own_reads_what_was_computed(tmp_path):
         assert run.summary()["missing_cells"] == 2 - n_exposures
 
 
+@pytest.mark.parametrize(("exposures_s", "lux"), [((0.01,), 50.0), ((0.001, 0.002), 1e-3)])
+def test_where_nothing_is_better_there_is_no_first_answer(tmp_path, capsys, exposures_s, lux):
+    """Of one exposure, and where nothing is found."""
+    signs, plan = datasets.rendered_signs((80,), count=2), swept(exposures_s, (lux,), (0.0,), gain_db=(0.0,))
+    how = {"strategy": "grid", "engine": ThreadEngine(1), "progress": True}
+    evaluate(None, signs, "imx250", plan, output=tmp_path, **how)
+    assert "so far" not in capsys.readouterr().err
+
+
 def test_the_first_answer_is_the_best_exposure_of_each_light_in_one_picture(tmp_path, capsys):
     signs, lights_lux = datasets.rendered_signs((80,), count=3), (1.0, 50.0)
     plan = swept((0.002, 0.01, 0.03), lights_lux, (0.0, 400.0), gain_db=(0.0,))
