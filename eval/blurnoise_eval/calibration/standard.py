@@ -91,7 +91,7 @@ class StandardRow:
     >>> row.cells()[:-1]
     ('system gain K, DN/e-', '0.5', '0.52', '+4 %', '3 %', 'fail')
     >>> StandardRow("DSNU_pixel", Uncertain(0.95, 0.01), camera=0.0, small=1.1).cells()[3:-1]
-    ('-100 %', '10 % or 1.1 e-', 'pass')
+    ('-100 %', '10 %, 1.1 e-', 'pass')
     """
 
     name: str
@@ -147,7 +147,7 @@ class StandardRow:
         scale, of = (100.0, " %") if row.relative else (1.0, f" {row.unit}")
         apart = "-" if math.isnan(self.difference) else f"{float(f'{scale * self.difference:.2g}'):+g}{of}"
         allowed = "-" if row.tolerance is None else f"{scale * row.tolerance:g}{of}"
-        allowed += f" or {self.small:.2g} {row.unit}" if self.small else ""
+        allowed += f", {self.small:.2g} {row.unit}" if self.small else ""
         return (f"{row.title}{unit}", *numbers, apart, allowed, self.verdict, self.why)
 
     def record(self) -> dict[str, Any]:
