@@ -260,6 +260,7 @@ def test_the_real_bracket():
     for model in models:
         found, usual = (worth([trial], model.name, route) for route in (BRACKET, DEFAULTS))
         assert abs(found.shift["dark"].value) < 0.5
-        # the typical curve has 0.3 stops more than this camera's; by sRGB, the shift is 1.8 and 0.6 stops
-        assert abs(usual.shift["dark"].value) < 0.9
+        # The typical curve has 0.3 stops more than this camera's; by sRGB, the shift is 1.8 and 0.6 stops. YOLOX-nano
+        # finds three objects.
+        assert abs(usual.shift["dark"].value) < {"yolox_nano": 0.9, "fastestdet_upstream": 0.5}[model.name]
         assert usual.difference < 0.2
