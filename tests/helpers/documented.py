@@ -16,7 +16,6 @@ NO_COMMAND_OF_OURS = (
 )
 LONG = {
     "blurnoise train": "under an hour; tests/models has a short one",
-    "blurnoise sweep --model ppocr-find": "a minute; tests/eval/detectors/test_ocr_spotter.py has it",
     "blurnoise explore": "serves a page for as long as it is wanted; tests/eval/explorer has it",
     "blurnoise measure -o": "minutes; tests/eval/measure has it",
 }

@@ -70,22 +70,20 @@ def models(plan: PlanFile) -> list[Model]:
     """The user's detectors or text recognisers, or the built-in detector. Raises ``ValueError``."""
     from blurnoise_models.detector import STOP_SIGN
 
-    from blurnoise_eval.detectors.ocr import rapidocr_models
+    from blurnoise_eval.detectors.ocr import rapidocr_recogniser
     from blurnoise_eval.detectors.opening import open_models
 
     paths = [_place("model", text) for text in plan.model] or [STOP_SIGN]
-    finder = _place("text_detector", plan.text_detector)
-    if packaged := [path for path in map(str, paths) if path in ("ppocr", "ppocr-find")]:
-        if len(paths) > 1 or finder:
-            raise ValueError(f"model: {packaged[0]} cannot be combined with other models or a text detector")
-        found = rapidocr_models()
+    if "ppocr" in map(str, paths):
+        if len(paths) > 1:
+            raise ValueError("model: ppocr cannot be combined with other models")
+        found = rapidocr_recogniser()
         if found is None:
-            raise ValueError(
-                f"model = {packaged[0]!r}: needs the package rapidocr: pip install --no-deps rapidocr"
-            )
-        paths, finder = [found[1]], found[0] if packaged[0] == "ppocr-find" else None
-    further: Any = {"dictionary": _place("dictionary", plan.dictionary), "text_detector": finder}
-    return list(open_models(paths, plan.contract or [None], **further, timeout_s=plan.model_timeout_s))
+            raise ValueError("model = 'ppocr': needs the package rapidocr: pip install --no-deps rapidocr")
+        paths = [found]
+    dictionary = _place("dictionary", plan.dictionary)
+    contracts = plan.contract or [None]
+    return list(open_models(paths, contracts, dictionary=dictionary, timeout_s=plan.model_timeout_s))
 
 
 def _place(name: str, text: str | None) -> Any:

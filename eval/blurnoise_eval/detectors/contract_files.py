@@ -1,7 +1,7 @@
 """Contracts from presets, files, options and the metadata of a graph.
 
-The same for every kind of contract: detectors' (:class:`~blurnoise_eval.detectors.contract.Contract`), text
-recognisers' and text detectors'. ``presets``: those of a kind, by the name of their family.
+The same for every kind of contract: detectors' (:class:`~blurnoise_eval.detectors.contract.Contract`), and text
+recognisers'. ``presets``: those of a kind, by the name of their family.
 """
 
 from __future__ import annotations

@@ -7,10 +7,10 @@ from itertools import count
 
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel
-from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter, is_recogniser
+from blurnoise_eval.detectors.ocr import Recogniser, is_recogniser
 from blurnoise_eval.system.urls import Location
 
-Opened = Detector | Recogniser | TextSpotter
+Opened = Detector | Recogniser
 
 
 def open_models(
@@ -18,15 +18,13 @@ def open_models(
     contracts: Sequence[str | None] = (None,),
     *,
     dictionary: Location | None = None,
-    text_detector: Location | None = None,
     timeout_s: float = TIMEOUT_S,
 ) -> list[Opened]:
     """The models of the files, in their order. Equal names get a number.
 
-    contracts: one for all, or one for each; files or presets. dictionary: a recogniser's characters.
-    text_detector: finds the text that is read; without it known boxes are read. timeout_s: how long loading a model,
-    and its first answer, may take. Raises ``ValueError`` where detectors and recognisers are named together: their
-    targets differ; :class:`~blurnoise_eval.detectors.contract.ModelError`, ``TimeoutError``.
+    contracts: one for all, or one for each; files or presets. dictionary: a recogniser's characters. timeout_s: how
+    long loading a model, and its first answer, may take. Raises ``ValueError`` where detectors and recognisers are
+    named together: their targets differ; :class:`~blurnoise_eval.detectors.contract.ModelError`, ``TimeoutError``.
     """
     if len(contracts) not in (1, len(paths)):
         must = f"must be one, or one for each of the {len(paths)} models"
@@ -38,16 +36,13 @@ def open_models(
     if len(set(reads)) > 1:
         must = "use a run for each kind"
         raise ValueError(f"model: must be all detectors or all text recognisers; {must}")
-    if (dictionary or text_detector) and not any(reads):
-        raise ValueError("dictionary, text_detector: need a text recogniser as model")
     opened: list[Opened] = []
     for index, model in enumerate(models):
         contract = contracts[index % len(contracts)]
-        if not reads[index]:
+        if reads[index]:
+            opened.append(Recogniser(model, contract=contract, dictionary=dictionary))
+        else:
             opened.append(Detector(model, contract=contract))
-            continue
-        reader = Recogniser(model, contract=contract, dictionary=dictionary)
-        opened.append(TextSpotter(text_detector, reader, timeout_s=timeout_s) if text_detector else reader)
     names = {model.name for model in opened}
     for index, model in enumerate(opened):
         if model.name in [before.name for before in opened[:index]]:

@@ -43,7 +43,7 @@ class PlanFile(Settings):
     model: Texts = setting(
         (),
         "detector or text recogniser; repeat it to compare models. ppocr: PP-OCR of the package rapidocr, which "
-        "reads the labelled boxes; ppocr-find: it also finds the text (default: the built-in stop-sign detector)",
+        "reads the labelled boxes (default: the built-in stop-sign detector)",
         "M.onnx",
     )
     contract: Texts = setting(
@@ -53,9 +53,6 @@ class PlanFile(Settings):
         "FILE|PRESET",
     )
     dictionary: Text | None = setting(None, "file with the characters of a text recogniser, one per line")
-    text_detector: Text | None = setting(
-        None, "PP-OCR network that finds text (default: none; the labelled boxes are read)"
-    )
     model_timeout_s: float = setting(
         MODEL_TIMEOUT_S, "time limit for loading a model and for its first inference, s"
     )

@@ -154,5 +154,3 @@ def test_kinds_are_told_apart_and_names_too(tmp_path):
         open_models([detector, reader])
     with pytest.raises(ValueError, match="got 2; must be one, or one for each of the 3"):
         open_models([detector] * 3, ["yolox", "yolov8"])
-    with pytest.raises(ValueError, match="dictionary, text_detector: need a text recogniser"):
-        open_models([detector], text_detector=tmp_path / "det.onnx")

@@ -5,10 +5,19 @@ import numpy as np
 import pytest
 from band_readers import COLOURS, band_reader
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.ocr import Recogniser, character_error_rate
-from blurnoise_eval.detectors.ocr.recogniser import characters, decode
+from blurnoise_eval.detectors.ocr import (
+    Recogniser,
+    character_error_rate,
+    characters,
+    decode,
+    rapidocr_recogniser,
+)
 from hypothesis import given
 from hypothesis import strategies as st
+
+from blurnoise import motion_blur
+from blurnoise.camera.colour import srgb_from_linear
+from blurnoise.charts import stop_sign, stop_sign_text_box
 
 
 def bands(letters, *, height=48, width=48):
@@ -129,3 +138,22 @@ def test_known_rates():
     known |= {("kitten", "sitting"): 3 / 7, ("TSOP", "STOP"): 2 / 4, ("", ""): 0, ("x", ""): 1}
     for (read, truth), rate in known.items():
         assert character_error_rate(read, truth) == pytest.approx(rate)
+
+
+# --- the network of the rapidocr package ---
+
+
+@pytest.mark.slow
+def test_the_packaged_network_reads_a_stop_sign_and_no_smeared_one():
+    """On 18 % grey, moved to the right during the exposure."""
+    if (model := rapidocr_recogniser()) is None:
+        pytest.skip("could not import 'rapidocr'")
+    recogniser = Recogniser(model)
+    for size_px, blur_px in ((100, 0.0), (50, 0.0), (32, 0.0), (100, 60.0)):
+        linear = motion_blur(stop_sign(size_px, height_px=320, width_px=320), [[blur_px, 0.0]])
+        coded = srgb_from_linear(linear)[0].clamp(0, 1).mul(255).round().byte()
+        box = stop_sign_text_box(size_px, height_px=320, width_px=320)
+        (reading,) = recogniser.read(coded.permute(1, 2, 0).contiguous().numpy(), [box])
+        assert (reading.text == "STOP") == (blur_px == 0)
+        assert reading.confidence > 0.97 or blur_px
+        assert character_error_rate(reading.text, "STOP") >= (0.75 if blur_px else 0)

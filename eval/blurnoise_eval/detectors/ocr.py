@@ -34,27 +34,10 @@ from blurnoise_eval.system.urls import Location
 
 _Count = Annotated[int, Ge(1), Le(1 << 16), "must be an integer >= 1 and <= 65536"]
 _NonNegative = Annotated[float, Ge(0)]
-_Share = Annotated[float, Ge(0), Le(1)]
 
 
 @dataclass(frozen=True)
-class _TextNetwork(Sourced):
-    """The picture's colours: x of 0-1 enters as (x - mean) / std."""
-
-    EXAMPLE = "{'height_px': 32}"
-
-    family: str
-    colour: Colour = "bgr"
-    mean: PerChannel = (0.5, 0.5, 0.5)
-    std: Spread = (0.5, 0.5, 0.5)
-
-    def stretched(self) -> Contract:
-        """The colours as a contract for laying a picture in, stretched to the input's size."""
-        return Contract(self.family, ("text",), self.colour, mean=self.mean, std=self.std, resize="stretch")
-
-
-@dataclass(frozen=True)
-class TextContract(_TextNetwork):
+class TextContract(Sourced):
     """How a crop becomes a recogniser's input, and what its classes are. Defaults are those of PP-OCR.
 
     family: "ppocr". colour: "rgb" or "bgr". mean, std: per channel in the network's order, of values 0-1.
@@ -65,7 +48,12 @@ class TextContract(_TextNetwork):
     naming field, value and what is allowed.
     """
 
+    EXAMPLE = "{'height_px': 32}"
+
     family: Literal["ppocr"] = "ppocr"
+    colour: Colour = "bgr"
+    mean: PerChannel = (0.5, 0.5, 0.5)
+    std: Spread = (0.5, 0.5, 0.5)
     height_px: _Count = 48
     min_width_px: _Count = 320
     max_width_px: _Count = 3200
@@ -73,50 +61,12 @@ class TextContract(_TextNetwork):
     dictionary: Annotated[Characters | None, "must be the name of a file, or nothing"] = None
     output: Literal["probabilities", "logits"] = "probabilities"
 
-
-@dataclass(frozen=True)
-class RegionContract(_TextNetwork):
-    """How a picture becomes a text detector's input, and its map of probabilities boxes.
-
-    family: "db" (differentiable binarisation). colour, mean, std: as in :class:`TextContract`. min_side_px:
-    what a smaller picture's shorter side is enlarged to; max_side_px: what a larger one's longer side is
-    reduced to. threshold: probability from which a pixel is text. box_threshold: least mean probability of
-    a region, its score. unclip: the outline moves outwards by unclip · area / circumference.
-    """
-
-    family: Literal["db"] = "db"
-    min_side_px: _Count = 736
-    max_side_px: _Count = 2000
-    threshold: _Share = 0.3
-    box_threshold: _Share = 0.5
-    unclip: _NonNegative = 1.6
-
-
-@dataclass(frozen=True)
-class SpottingContract:
-    """The contracts of both networks; names and sources have "regions." or "text." before them."""
-
-    regions: RegionContract
-    text: TextContract
-
-    @property
-    def assumptions(self) -> list[str]:
-        """A sentence for each assumed field."""
-        return [*self.regions.assumptions, *self.text.assumptions]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Every field in JSON's types, and ``sources``."""
-        fields: dict[str, Any] = {}
-        sources: dict[str, str] = {}
-        for part, contract in (("regions", self.regions), ("text", self.text)):
-            values = contract.to_dict()
-            sources |= {f"{part}.{name}": source for name, source in values.pop("sources").items()}
-            fields |= {f"{part}.{name}": value for name, value in values.items()}
-        return {**fields, "sources": sources}
+    def stretched(self) -> Contract:
+        """The colours as a contract for laying a picture in, stretched to the input's size."""
+        return Contract(self.family, ("text",), self.colour, mean=self.mean, std=self.std, resize="stretch")
 
 
 TEXT_PRESETS = {"ppocr": TextContract()}
-REGION_PRESETS = {"db": RegionContract()}
 
 
 @dataclass(frozen=True)
@@ -131,14 +81,6 @@ class Reading:
 
 
 NOTHING = Reading("", 0.0)
-
-
-def joined(readings: Sequence[Reading]) -> Reading:
-    """Several texts with spaces between them, and the mean confidence of their characters."""
-    read = [reading for reading in readings if reading.text]
-    total = sum(reading.confidence * len(reading.text) for reading in read)
-    count = max(sum(len(reading.text) for reading in read), 1)
-    return Reading(" ".join(reading.text for reading in read), total / count)
 
 
 def characters(lines: str) -> list[str]:
@@ -188,43 +130,13 @@ def character_error_rate(read: str, truth: str) -> float:
 DICTIONARY_KEY = "character"  # metadata of PP-OCR exports: a character a line
 
 
-class TextNetwork(OnnxModel):
-    """A graph that takes floats [N, 3, height, width] and gives one answer.
-
-    Raises :class:`ModelError` for another. ``fixed_size_px``: height and width of the input, None where dynamic.
-    """
-
-    def __init__(self, source: str | Location | OnnxModel, timeout_s: float) -> None:
-        super().__init__(source, timeout_s)
-        inputs, outputs = self.inputs, self.outputs
-        shape = inputs[0].shape if inputs else ()
-        floats = [entry.type in ("tensor(float)", "tensor(float16)") for entry in inputs]
-        if floats != [True] or len(outputs) != 1 or len(shape) != 4 or shape[1] != 3:
-            raise ModelError(
-                f"{self.path.name}: must have one input [N, 3, height, width] of floats and one output; "
-                f"has {len(inputs)} inputs and {len(outputs)} outputs: {', '.join(map(str, [*inputs, *outputs]))}"
-            )
-        height, width = (side if isinstance(side, int) else None for side in shape[2:])
-        self.fixed_size_px = height, width
-
-    def _answer(self, blob: FloatArray) -> FloatArray:
-        """The answer to one input (1, 3, H, W) as float32, without the batch axis; what is not finite is counted."""
-        (output,) = self.infer(blob)
-        if output.ndim < 1 or len(output) != self.batch:
-            answers = f"the output for {self.batch} picture(s) is {list(output.shape)}"
-            raise ModelError(f"{self.path.name}: {answers}; its first axis must be the batch")
-        answer = np.asarray(output[0], np.float32)
-        self._count_non_finite([answer])
-        return answer
-
-
-class Recogniser(TextNetwork):
+class Recogniser(OnnxModel):
     """An ONNX text recogniser with its contract. Threads and errors: see :class:`OnnxModel`.
 
     ``contract``: a :class:`TextContract`, a mapping, a contract file or "ppocr"; None looks beside the model and into
     its metadata, then assumes PP-OCR's. ``dictionary``: a file with a character a line; None takes the contract's,
     else the metadata's; a file becomes part of ``sha256``. Raises :class:`ModelError` for a contract that does not
-    fit the graph, or a dictionary of another length than its classes.
+    fit the graph, a graph that is no recogniser, or a dictionary of another length than its classes.
     """
 
     contract: TextContract
@@ -238,12 +150,13 @@ class Recogniser(TextNetwork):
         timeout_s: float = TIMEOUT_S,
     ) -> None:
         super().__init__(path, timeout_s)
+        self._fixed_size_px = self._input_size_px()
         stated: Any = {"contract": contract, "dictionary": dictionary, "timeout_s": self.timeout_s}
         self._opened_again = partial(Recogniser, self.source, **stated)
         suggests = f", which metadata {DICTIONARY_KEY} suggests" * (DICTIONARY_KEY in self.metadata)
         found = stated_contract(TEXT_PRESETS, self.path, self.metadata, contract)
         self.contract = found or TextContract.assumed(f"preset ppocr{suggests}")
-        if (height := self.fixed_size_px[0]) is not None:
+        if (height := self._fixed_size_px[0]) is not None:
             self.contract = settled(
                 self.contract, {"height_px": height}, "graph", "the graph takes this height"
             )
@@ -262,6 +175,19 @@ class Recogniser(TextNetwork):
             why = f"the rows of the output for a grey picture {why}"
             output = "probabilities" if sure else "logits"
             self.contract = settled(self.contract, {"output": output}, f"graph: {why}", why)
+
+    def _input_size_px(self) -> tuple[int | None, int | None]:
+        """Height and width, None where dynamic. Raises :class:`ModelError` for other inputs or outputs."""
+        inputs, outputs = self.inputs, self.outputs
+        shape = inputs[0].shape if inputs else ()
+        floats = [entry.type in ("tensor(float)", "tensor(float16)") for entry in inputs]
+        if floats != [True] or len(outputs) != 1 or len(shape) != 4 or shape[1] != 3:
+            raise ModelError(
+                f"{self.path.name}: must have one input [N, 3, height, width] of floats and one output; "
+                f"has {len(inputs)} inputs and {len(outputs)} outputs: {', '.join(map(str, [*inputs, *outputs]))}"
+            )
+        height, width = (side if isinstance(side, int) else None for side in shape[2:])
+        return height, width
 
     def _dictionary(self, contract: object, given: Location | None) -> str:
         """The characters, a line each; those of a file become part of the model's identity."""
@@ -299,11 +225,21 @@ class Recogniser(TextNetwork):
         """
         contract = self.contract
         height, natural = contract.height_px, math.ceil(contract.height_px * crop.shape[1] / crop.shape[0])
-        width = self.fixed_size_px[1] or min(max(contract.min_width_px, natural), contract.max_width_px)
+        width = self._fixed_size_px[1] or min(max(contract.min_width_px, natural), contract.max_width_px)
         filled = min(natural, width)
         blob = np.zeros((1, 3, height, width), np.float32)
         lay_in(crop, contract.stretched(), (height, filled), blob[..., :filled])
         return blob
+
+    def _answer(self, blob: FloatArray) -> FloatArray:
+        """The answer to one input (1, 3, H, W) as float32, without the batch axis; what is not finite is counted."""
+        (output,) = self.infer(blob)
+        if output.ndim < 1 or len(output) != self.batch:
+            answers = f"the output for {self.batch} picture(s) is {list(output.shape)}"
+            raise ModelError(f"{self.path.name}: {answers}; its first axis must be the batch")
+        answer = np.asarray(output[0], np.float32)
+        self._count_non_finite([answer])
+        return answer
 
     def read_crop(self, crop: NDArray[np.uint8]) -> Reading:
         """Return the text of an RGB crop (h, w, 3), uint8, that holds one line.
@@ -354,15 +290,14 @@ def is_recogniser(model: OnnxModel) -> bool:
     return family in TEXT_PRESETS
 
 
-def rapidocr_models() -> tuple[Path, Path] | None:
-    """Return the files (text detection, recognition) in the package ``rapidocr`` or, before it,
-    ``rapidocr-onnxruntime``, of which nothing else is used; None where neither holds networks.
+def rapidocr_recogniser() -> Path | None:
+    """Return the text recogniser in the package ``rapidocr`` or, before it, ``rapidocr-onnxruntime``, of which
+    nothing else is used; None where neither holds one.
     """
     for package in ("rapidocr", "rapidocr_onnxruntime"):
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
-            networks = [sorted(Path(folder, "models").glob(f"*_{task}_*.onnx")) for task in ("det", "rec")]
-            if all(networks):
-                # The last by name is the newest: names begin with the version, such as ch_PP-OCRv4.
-                return networks[0][-1], networks[1][-1]
+            # The last by name is the newest: names begin with the version, such as ch_PP-OCRv4.
+            if networks := sorted(Path(folder, "models").glob("*_rec_*.onnx")):
+                return networks[-1]
     return None
