@@ -24,7 +24,6 @@ OF_THE_WHOLE_TREE = {
     "test_architecture.py",
     "test_frozen.py",
     "test_documentation.py",
-    "test_studies.py",
     "test_doctests.py",
 }
 """Tests that belong to no package, in tests/ itself."""

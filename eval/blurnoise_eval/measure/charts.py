@@ -242,7 +242,7 @@ METRICS: tuple[Metric, ...] = (
     Metric("psnr_db", "PSNR", "dB", _SIGN, lambda charts: charts.of_sign(psnr)),
     Metric("ssim", "SSIM", "1", _SIGN, lambda charts: charts.of_sign(ssim), "share"),
 )  # fmt: skip
-"""The metrics of charts; a new metric is one entry, and appears in tables, figures and maps."""
+"""The metrics of charts; a new metric is one entry, and appears in tables and figures."""
 
 
 @dataclass(frozen=True)
