@@ -66,7 +66,7 @@ class Camera:
         # Lenses have lengths on the sensor, transfer functions are per pixel: the pitch is between them.
         lens, pitch_um = self.lens, self.sensor.pixel_pitch_um
         return Optics(
-            defocus_radius_px=0.0 if lens.defocus_counts_pixel else lens.defocus_radius_px,
+            defocus_radius_px=lens.defocus_radius_px,
             diffraction_lambda_n_px=lens.diffraction_wavelength_um * lens.f_number / pitch_um,
             measured=lens.mtf.per_px(pitch_um) if lens.mtf else None,
         )

@@ -44,7 +44,7 @@ _FLAT = (
     "conversion_gains", "gains", "photon_transfer", "captures", "dark_current_e_s", "dark_reference_c",
     "dark_doubling_c", "row_noise_e", "column_noise_e", "parity_noise_e", "row_gain_noise", "row_gain_rows",
     "black_level_drift_dn", "prnu", "prnu_row", "prnu_column", "dsnu_e", "dsnu_row_e", "dsnu_column_e",
-    "black_level_dn", "bit_depth", "defocus_radius_px", "defocus_counts_pixel", "diffraction_wavelength_um", "cfa",
+    "black_level_dn", "bit_depth", "defocus_radius_px", "diffraction_wavelength_um", "cfa",
     "white_balance", "demosaic", "ccm", "tone", "noise_reduction", "local_tone", "sharpening", "jpeg_quality",
     "jpeg_subsampling", "width_px", "height_px", "hfov_deg", "row_time_s", "shutter", "scan",
 )  # fmt: skip
@@ -59,7 +59,7 @@ KEYS = (
     "sources",
 )
 """Keys of files, in their order."""
-_NO_FIGURES = ("name", "captures", "defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality",
+_NO_FIGURES = ("name", "captures", "white_balance", "demosaic", "tone", "jpeg_quality",
                "jpeg_subsampling", "sources")  # fmt: skip
 
 

@@ -67,8 +67,6 @@ class Lens:
     """Wavelength from which on a filter passes no light; 0: no filter."""
     defocus_radius_px: Annotated[Figure, CameraFigure("Defocus", "px", LIMITS["radius_px"])] = 0.0
     """Radius of the disc to which a point spreads."""
-    defocus_counts_pixel: bool = False
-    """Blur by the disc's areas in the pixels, which counts the pixel's own aperture twice; for comparisons only."""
     diffraction_wavelength_um: Annotated[
         Figure,
         CameraFigure("Diffraction at", "µm", Limit(0.0, 20.0), span=(0.0, 1.0)),  # thermal infrared included
@@ -106,8 +104,6 @@ class Lens:
         elif self.mtf and (self.defocus_radius_px or self.diffraction_wavelength_um):
             must = "defocus_radius_px and diffraction_wavelength_um must be 0 beside it"
             fault = f"lens.mtf: is measured with defocus and diffraction, at its own f-number; {must}"
-        elif self.field_curvature_px and self.defocus_counts_pixel:
-            fault = "lens.field_curvature_px: must be 0 where defocus_counts_pixel is true"
         elif self.veil_share + self.halo_share > _SCATTERED.high:
             total = f"{self.veil_share + self.halo_share:g}"
             fault = f"veil_share + halo_share = {total}: must be at most {_SCATTERED.high:g}"

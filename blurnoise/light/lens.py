@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.borders import Border, Window
-from blurnoise.blur import convolution, over_the_field, resampling
+from blurnoise.blur import over_the_field, resampling
 from blurnoise.blur.layer import Layer, coloured, plane_of
 from blurnoise.camera import Camera, lens
 from blurnoise.camera.lens import Field, Size
@@ -138,7 +138,7 @@ class LateralColour(_OverTheField):
 
 
 class Defocus(_ByTransferFunction):
-    """The disc of confusion: its transfer function, or its areas in the pixels where the camera asks for them.
+    """The disc of confusion, by its transfer function.
 
     With field curvature another disc for every pixel, see :mod:`blurnoise.blur.over_the_field`.
 
@@ -155,26 +155,18 @@ class Defocus(_ByTransferFunction):
         return not camera.lens.defocus_radius_px and not camera.lens.field_curvature_px
 
     def bound(self, at: Resolved[float]) -> float:
-        """The error of the largest disc; disc areas up to half a pixel are the identity."""
-        if at.camera.lens.defocus_counts_pixel:
-            return 0.0 if at.camera.lens.defocus_radius_px <= 0.5 else 0.5
+        """The error of the largest disc."""
         return Optics(defocus_radius_px=max(_ends_px(at.camera))).error
 
     def blur(self, at: Resolved[Tensor]) -> Blur | None:
-        # Areas of a disc and a disc that varies over the field have no transfer function to multiply.
-        apart = at.camera.lens.defocus_counts_pixel or at.camera.lens.field_curvature_px
-        return None if apart else super().blur(at)
+        # A disc that varies over the field has no transfer function to multiply.
+        return None if at.camera.lens.field_curvature_px else super().blur(at)
 
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
-        camera = at.camera
-        if not camera.lens.field_curvature_px:
-            return convolution.defocus(light, camera.lens.defocus_radius_px, border=border)
-        radii = _radii_px(camera.field, camera.lens.defocus_radius_px, _size(light))
+        radii = _radii_px(at.camera.field, at.camera.lens.defocus_radius_px, _size(light))
         return over_the_field.defocus(light, radii, border=border)
 
     def how(self, at: Resolved[float]) -> str:
-        if at.camera.lens.defocus_counts_pixel:
-            return f"areas of a disc, {at.camera.lens.defocus_radius_px:g} px"
         if not at.camera.lens.field_curvature_px:
             return "transfer function"
         centre, corner = _ends_px(at.camera)
@@ -185,7 +177,7 @@ class Defocus(_ByTransferFunction):
     def key(self, at: Resolved[float]) -> Hashable:
         camera = at.camera
         field = camera.field if camera.lens.field_curvature_px else None
-        return camera.lens.defocus_radius_px, camera.lens.defocus_counts_pixel, field
+        return camera.lens.defocus_radius_px, field
 
 
 class Diffraction(_ByTransferFunction):

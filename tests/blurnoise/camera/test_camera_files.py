@@ -103,7 +103,6 @@ BAD_FIELDS = [
     ({"name": 250}, "name = 250: must be text"),
     ({"name": " "}, "name = ' ': must not be empty"),
     ({"name": "a\ud800"}, "ud800': must be text, without halves"),
-    ({"defocus_counts_pixel": 1}, "defocus_counts_pixel = 1: must be true or false"),
     ({"black_level_dn": 4095}, "black_level_dn = 4095.0: must be finite and >= 0 and <= 4094"),
     ({"full_well_e": "9" * 10**5}, "full_well_e = '999"),
     ({"base": "imx25"}, "base = 'imx25': must be one of 'ar0132at'"),

@@ -112,7 +112,6 @@ def shape(model, *coefficients, **others):
         ({"mtf": {"csv": "no.csv", "unit": "lp/mm"}}, {}, "lens: mtf: csv 'no.csv' cannot be read: No such file"),
         ({"mtf": {"csv": "bad.csv", "unit": "lp/mm"}}, {}, "bad.csv, line 2: expected one of frequencies and"),
         (mtf([0.1, 0.5], [1, 0.1]), {"defocus_radius_px": 1}, "lens.mtf: is measured with defocus and"),
-        ({"field_curvature_px": 1}, {"defocus_counts_pixel": True}, "lens.field_curvature_px: must be 0 where"),
         ({"falloff_power": 4}, {"hfov_deg": 180}, "hfov_deg = 180: must be < 180 for"),
         ({"veil_share": 0.3, "halo_share": 0.4}, {}, "lens: veil_share + halo_share = 0.7: must be at most 0.5"),
         ({"t_number": 1.3}, {}, "t_number = 1.3: must be 0 or at least f_number = 1.4, as no lens passes more"),

@@ -109,7 +109,6 @@ def test_presets_are_whole_and_sourced():
     settings = {
         "name",
         "sources",
-        "defocus_counts_pixel",
         "white_balance",
         "demosaic",
         "tone",
