@@ -138,9 +138,8 @@ def exposure_blur(
             shares = torch.from_numpy(np.array(path.shares))
             response: fourier.Response = Path(knots, shares, optics)
         else:
-            dx, dy = group.detach().abs().amax(0).tolist()
-            left_out = transfer.motion_error(dx, dy) + optics.error
-            response = fourier.Straight(group, optics)
+            response = straight = fourier.Straight(group, optics)
+            left_out = transfer.motion_error(*straight.most_px) + optics.error
         seen = left_out > NEGLIGIBLE or method != "auto" or differentiable(response.variable)
         responses.append(response if seen and method != "none" and any(response.reach_px) else None)
     return _applied(image, responses, border, tiled=method != "transfer")

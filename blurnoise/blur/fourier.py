@@ -15,7 +15,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any, TypeVar
 
@@ -103,7 +103,7 @@ def apply(
     high, wide = (8 * math.ceil((reach + _TAIL_PX) / 8) if reach else 0 for reach in response.reach_px)
     layout = layout_of((image.shape[-2], image.shape[-1]), (high, wide), border, tiled)
     y, x = layout.y, layout.x
-    limited_plane(f"{response}: border {border!r} needs", y.span, x.span)
+    limited_plane(lambda: f"{response}: border {border!r} needs", y.span, x.span)
     if out is None:
         out = torch.empty_like(image, memory_format=torch.contiguous_format)
     # Of a blur along one axis the other needs no transform, which saves half of the time.
@@ -202,9 +202,15 @@ class Straight(Response):
     def variable(self) -> Tensor:
         return self.displacement_px
 
+    @cached_property
+    def most_px(self) -> tuple[float, float]:
+        """The longest motion of any picture, across and down. All else follows from it: a device is asked once."""
+        x, y = self.displacement_px.detach().abs().amax(0).tolist()
+        return x, y
+
     @property
     def reach_px(self) -> tuple[float, float]:
-        x, y = (along / 2 for along in self.displacement_px.detach().abs().amax(0).tolist())
+        x, y = (along / 2 for along in self.most_px)
         if self.optics != SHARP or differentiable(self.displacement_px):  # which an axis at rest has, too
             return y + self.optics.reach_px + STILL_PX, x + self.optics.reach_px + STILL_PX
         return y if y > STILL_PX / 2 else 0.0, x if x > STILL_PX / 2 else 0.0

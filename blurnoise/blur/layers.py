@@ -212,7 +212,7 @@ def _work(window: Window, moves: Sequence[Displacement]) -> Window:
     width = tiles.fast_length(grown.width) if across else grown.width
     # Refused by name here: as a failure of memory it would name nothing.
     tiles.limited_plane(
-        f"displacement_px: {max(across, down)} px to either side; a layer needs", height, width
+        lambda: f"displacement_px: {max(across, down)} px to either side; a layer needs", height, width
     )
     return grown._replace(height=height, width=width)
 

@@ -97,7 +97,9 @@ def rolled(light: Tensor, moves: Displacement, border: Border) -> Tensor:
         return exposed(light, moves, border)
     before = math.ceil(down) + _BEYOND_PX, math.ceil(across) + _MARGIN_PX
     spans = next_fast_len(height + 2 * before[0]), tiles.fast_length(width + 2 * before[1])
-    tiles.limited_plane(f"displacement_px = {moved.tolist()}: rows read one after another need", *spans)
+    tiles.limited_plane(
+        lambda: f"displacement_px = {moved.tolist()}: rows read one after another need", *spans
+    )
     taps = _lanczos_taps(before[0] + places)
     if on_numpy:
         return _at_once(light, moved, taps, shift_px, before, spans, border)

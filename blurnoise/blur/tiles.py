@@ -7,6 +7,7 @@ in the processor's cache (overlap-save).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count, product
@@ -128,13 +129,15 @@ def _is_fast(length: int) -> bool:
     return 210**30 % length == 0 and (length <= 256 or length % 256 != 0)
 
 
-def limited_plane(needs: str, height: int, width: int) -> None:
-    """Raise ``ValueError`` where a plane is too large; ``needs``: what needs it.
+def limited_plane(needs: Callable[[], str], height: int, width: int) -> None:
+    """Raise ``ValueError`` where a plane is too large; ``needs``: makes the text of what needs it.
 
-    >>> limited_plane("displacement_px = 1e5 needs", 1 << 10, 1 << 20)
+    >>> limited_plane(lambda: "displacement_px = 1e5 needs", 1 << 10, 1 << 20)
     Traceback (most recent call last):
         ...
     ValueError: displacement_px = 1e5 needs a plane of 1024x1048576 pixels; at most 268435456 are allowed
     """
     if height * width > _LARGEST_PLANE:
-        raise ValueError(f"{needs} a plane of {height}x{width} pixels; at most {_LARGEST_PLANE} are allowed")
+        raise ValueError(
+            f"{needs()} a plane of {height}x{width} pixels; at most {_LARGEST_PLANE} are allowed"
+        )

@@ -3,7 +3,8 @@
 They mix with tensors of no other device (but for numbers and indices), and NumPy and OpenCV do not see them. So code
 that makes a constant on the CPU fails here as it would on CUDA, and what it computes can be compared.
 
-Run as a script: for each of some calls, the device of its result and how far that is from the CPU's, as JSON.
+Run as a script: for each of some calls, the device of its result, how far that is from the CPU's, and how often the
+call waited for values of the card, as JSON.
 """
 
 from __future__ import annotations
@@ -63,6 +64,15 @@ class Card(torch.Tensor):
         return compute(op, *args, **(kwargs or {}))
 
 
+waits = [0]
+"""How often values were pulled from the card so far."""
+
+
+def leaves(device, cards):
+    """Whether a copy to this device leaves the card."""
+    return bool(cards) and device is not None and torch.device(device).type != "card"
+
+
 def compute(op, *args, **kwargs):
     """An operation on the card's tensors, by the CPU."""
     given, name = tree.tree_leaves((args, kwargs)), op._schema.name
@@ -73,6 +83,7 @@ def compute(op, *args, **kwargs):
     if cards and others and name not in CROSSES:
         raise RuntimeError(f"{name}: expected all tensors on one device, found card:0 and cpu")
     device, known = kwargs.get("device"), {id(card.raw): card for card in cards}
+    waits[0] += name == "aten::_local_scalar_dense" or (name == "aten::_to_copy" and leaves(device, cards))
 
     def below(each):
         if isinstance(each, torch.device) and each.type == "card":
@@ -136,8 +147,11 @@ def main() -> None:
     results = {}
     for name, call in {**CALLS, **{preset: of_preset(preset) for preset in PRESETS}}.items():
         try:
-            there, here = call(lambda tensor: tensor.to("card")), call(lambda tensor: tensor)
-            results[name] = {"device": there.device.type, "differs": float((there.cpu() - here).abs().max())}
+            here, before = call(lambda tensor: tensor), waits[0]
+            there = call(lambda tensor: tensor.to("card"))
+            waited = waits[0] - before
+            differs = float((there.cpu() - here).abs().max())
+            results[name] = {"device": there.device.type, "differs": differs, "waited": waited}
         except Exception as error:
             results[name] = {"error": f"{type(error).__name__}: {error}"}
     print(json.dumps(results))
