@@ -8,7 +8,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from blurnoise.blur.convolution import defocus, motion_blur
+    from blurnoise.blur.convolution import motion_blur
     from blurnoise.blur.layer import Layer
     from blurnoise.blur.layers import expose_layers
     from blurnoise.camera.camera import Camera
@@ -46,7 +46,6 @@ __all__ = [
     "TakeOptions",
     "Trajectory",
     "blur_pixels",
-    "defocus",
     "develop",
     "expose_layers",
     "expose_numpy",
@@ -62,7 +61,7 @@ __all__ = [
     "velocity_px_s",
 ]
 _MODULES = {
-    "blur.convolution": ("defocus", "motion_blur"),
+    "blur.convolution": ("motion_blur",),
     "blur.layer": ("Layer",),
     "blur.layers": ("expose_layers",),
     "camera.camera": ("Camera",),

@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import torch
 from kornia import filters
-from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border, extended
-from blurnoise._core.checks import an_instance, image_batch, limited, limited_motion, one_of, real_tensor
+from blurnoise._core.checks import an_instance, image_batch, limited_motion, one_of, real_tensor
 from blurnoise._core.threads import differentiable, same_bits, side_by_side, threads_for
 from blurnoise.blur import fourier
 from blurnoise.blur.path_otf import Path
@@ -181,68 +180,6 @@ def motions(name: str, value: object, image: Tensor) -> Tensor:
     return vectors.to(device=image.device, dtype=image.dtype).expand(len(image), 2)
 
 
-@same_bits
-def defocus(image: Tensor, radius_px: float, *, border: Border = "reflect") -> Tensor:
-    """Blur by a disc of radius_px >= 0, with its exact area in each pixel; the identity up to half a pixel.
-
-    Equals MATLAB's ``fspecial('disk', r)``, which counts the pixel's own aperture a second time;
-    :func:`exposure_blur` does not.
-
-    >>> import torch
-    >>> from blurnoise import defocus
-    >>> dot = torch.zeros(1, 1, 9, 9)
-    >>> dot[..., 4, 4] = 1.0
-    >>> centre = float(defocus(dot, radius_px=2.0)[0, 0, 4, 4])
-    >>> round(1 / centre, 2)  # the light of a point is spread over the disc's area, 4 pi px
-    12.57
-    """
-    image_batch("image", image)
-    one_of("border", border, BORDERS)
-    kernel = disc(limited("radius_px", radius_px))
-    if kernel.size == 1:
-        return image
-    pad = len(kernel) // 2
-    plane = _padded(image, pad, border)
-    weights = torch.from_numpy(kernel).to(image)[None]
-    return cast(Tensor, filters.filter2d(plane, weights, padding="valid"))
-
-
-def disc(radius_px: float) -> NDArray[np.float64]:
-    """Kernel (k, k), k odd, of defocus with a round aperture: the area of the disc in each pixel, over its own.
-
-    [[1]] up to half a pixel.
-
-    >>> disc(0.5)
-    array([[1.]])
-    >>> round(float(disc(2.0).sum()), 6), disc(2.0).shape
-    (1.0, (5, 5))
-    """
-    half = max(0, math.ceil(radius_px - 0.5))
-    if half == 0:
-        return np.ones((1, 1))
-    edges = np.arange(-half - 0.5, half + 1)
-    corner = _disc_corner_area(radius_px, edges[None, :], edges[:, None])
-    area = corner[1:, 1:] - corner[:-1, 1:] - corner[1:, :-1] + corner[:-1, :-1]
-    return np.asarray(area / (math.pi * radius_px**2))
-
-
-def _disc_corner_area(radius: float, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Signed area of the disc inside the rectangle between the origin and (a, b); odd in a and in b."""
-    sign = np.sign(a) * np.sign(b)
-    a, b = np.broadcast_arrays(np.minimum(np.abs(a), radius), np.minimum(np.abs(b), radius))
-    meets = np.minimum(np.sqrt(np.maximum(radius**2 - b**2, 0.0)), a)  # where the arc crosses height b
-
-    def under_arc(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        root = np.sqrt(np.maximum(radius**2 - x**2, 0.0))
-        return np.asarray((x * root + radius**2 * np.arcsin(np.minimum(x / radius, 1.0))) / 2)
-
-    return np.asarray(sign * (b * meets + under_arc(a) - under_arc(meets)))
-
-
-def _padded(image: Tensor, pad: int, border: Border) -> Tensor:
-    return extended(image, (pad, pad), (image.shape[-2] + 2 * pad, image.shape[-1] + 2 * pad), border)
-
-
 def _kornia(image: Tensor, moved: Tensor, optics: Optics, border: Border) -> Tensor:
     """Kornia's kernels of the nearest odd lengths; its angle runs counter-clockwise as displayed."""
     if optics != SHARP:
@@ -258,7 +195,8 @@ def _kornia(image: Tensor, moved: Tensor, optics: Optics, border: Border) -> Ten
         if pad:
             # Kornia counts angles counter-clockwise, and here y points down.
             angle_deg = -math.degrees(math.atan2(dy, dx))
-            plane = _padded(picture, pad, border)
+            size = picture.shape[-2] + 2 * pad, picture.shape[-1] + 2 * pad
+            plane = extended(picture, (pad, pad), size, border)
             plane = filters.motion_blur(
                 plane, 2 * pad + 1, angle_deg, 0.0, border_type="constant", mode="bilinear"
             )

@@ -91,7 +91,6 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.Trajectory, {"time_s": (0.0, 1.0), "x_px": (0.0, 1.0), "y_px": (0.0, 1.0)}),
     (blurnoise.blur_pixels, {**ROAD, "exposure_s": 0.01, "lens": "f-theta"}),
     (blurnoise.velocity_px_s, {**ROAD, "lens": "rectilinear"}),
-    (blurnoise.defocus, {"image": PICTURES, "radius_px": 1.0, "border": "reflect"}),
     (blurnoise.develop, {"dn": 4000 * PICTURES, "camera": CAMERA, "encoding": "srgb", "gain_db": 0.0}),
     (blurnoise.motion_blur, {"image": PICTURES, "displacement_px": (3.0, 1.0), "method": "auto"}),
     (blurnoise.photoelectrons, {**LIT, "illuminant": "D55"}),

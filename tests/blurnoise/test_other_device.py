@@ -27,7 +27,6 @@ def test_results_stay_on_the_device_and_are_the_cpu_s(results, name):
 
 MOST_WAITS = {
     "motion_blur": 3,
-    "defocus": 1,
     "numbers on the device": 16,
     "headlamps": 24,
     "RandomExposure": 46,

@@ -107,7 +107,6 @@ MOVED = {"exposure_s": 0.005, "illuminance_lux": 50.0, "velocity_px_s": (900.0, 
 Put = Callable[[torch.Tensor], torch.Tensor]
 CALLS: dict[str, Callable[[Put], torch.Tensor]] = {
     "motion_blur": lambda put: blurnoise.motion_blur(put(PICTURES), put(torch.tensor([[9.0, 3.0], [0.0, 0.0]]))),
-    "defocus": lambda put: blurnoise.defocus(put(PICTURES), 2.0),
     "numbers on the device": lambda put: blurnoise.simulate(
         put(PICTURES), Camera.preset("imx250c"), exposure_s=put(torch.tensor([0.005, 0.01])),
         illuminance_lux=put(torch.tensor([5.0, 50.0])), generator=[1, 2],

@@ -11,9 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from blurnoise import defocus, motion_blur
+from blurnoise import motion_blur
 from blurnoise._core.borders import BORDERS, extended
-from blurnoise.blur.convolution import NEGLIGIBLE, Method, disc, exposure_blur
+from blurnoise.blur.convolution import NEGLIGIBLE, Method, exposure_blur
 from blurnoise.camera import transfer
 from blurnoise.camera.transfer import Optics, motion_error
 
@@ -49,8 +49,6 @@ def test_no_motion_is_the_picture_itself():
     assert motion_blur(image, (1e-6, 0.0)) is image
     assert motion_blur(image, (9.0, 4.0), method="none") is image
     assert optical_blur(image, Optics()) is image
-    assert defocus(image, 0.0) is image
-    assert defocus(image, 0.5) is image
 
 
 @settings(max_examples=40, deadline=None)
@@ -94,7 +92,6 @@ def test_constant_pictures_stay_constant(motion, border, method):
     image = torch.full((1, 2, 9, 13), 0.37, dtype=torch.float64)
     blurred = motion_blur(image, motion, border=border, method=method)
     torch.testing.assert_close(blurred, image, atol=1e-6 if method == "kornia" else 1e-12, rtol=0)
-    torch.testing.assert_close(defocus(image, 3.3, border=border), image, atol=1e-12, rtol=0)
     lens = optical_blur(image, Optics(2.0, 0.5, 0.4), border=border)
     torch.testing.assert_close(lens, image, atol=1e-12, rtol=0)
 
@@ -249,20 +246,6 @@ DARK = torch.zeros(1, 1, 4, 4)
 def test_bad_input_is_named(call, words):
     with pytest.raises((TypeError, ValueError), match=words):
         call()
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.floats(0.51, 12.0))
-def test_disc_is_a_disc(radius):
-    """Unit sum, symmetric, and the pixel areas match a fine grid of points to the grid's own error."""
-    kernel = disc(radius)
-    assert kernel.sum() == pytest.approx(1, abs=1e-12)
-    np.testing.assert_allclose(kernel, kernel.T, atol=1e-13)
-    np.testing.assert_allclose(kernel, kernel[::-1, ::-1], atol=1e-13)
-    fine = (np.arange(kernel.shape[0] * 64) + 0.5) / 64 - kernel.shape[0] / 2
-    inside = (fine[:, None] ** 2 + fine**2 <= radius**2).astype(float)
-    areas = inside.reshape(kernel.shape[0], 64, -1, 64).mean(axis=(1, 3)) / (math.pi * radius**2)
-    np.testing.assert_allclose(kernel, areas, atol=0.02 / (math.pi * radius**2))
 
 
 def crossing(curve, level, high):

@@ -36,7 +36,6 @@ DOORS = {
     ),
     "develop": lambda pictures: blurnoise.develop(pictures[:, :1] * 3000, Camera.preset("imx250c")),
     "motion_blur": lambda pictures: blurnoise.motion_blur(pictures, (5.3, -2.0)),
-    "defocus": lambda pictures: blurnoise.defocus(pictures, 1.5),
     "expose_layers": lambda pictures: blurnoise.expose_layers(
         pictures, [LAYER], exposure_s=0.05, velocity_px_s=(0.0, 9.0)
     ),
