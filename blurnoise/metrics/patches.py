@@ -1,4 +1,4 @@
-"""Metrics of uniform patches: signal-to-noise ratio, contrast and its transfer; similarity of pictures.
+"""Metrics of uniform patches: signal-to-noise ratio, contrast and its transfer, glare; similarity of pictures.
 
 Domain: digital numbers with the black level removed, (..., H, W). Results have the leading shape (batch, channel); a
 flag is True where the number should not be trusted. NaN or Inf in a patch gives NaN there, and "not_finite". All
@@ -117,6 +117,24 @@ def patch_contrast(bright: Tensor, dark: Tensor) -> PatchContrast:
         BatchEstimate(michelson, michelson - margin, michelson + margin, flags | near_black),
         BatchEstimate(cnr, cnr - cnr_margin, cnr + cnr_margin, flags),
     )
+
+
+def veiling_glare(black: Tensor, white: Tensor) -> BatchEstimate:
+    """Veiling glare index of a light trap (..., H, W) before a white field: the mean of the one over the other's.
+
+    The trap itself sends no light, so the index is the share that lens and camera scatter onto it. Interval and
+    flags, "noiseless" and "not_finite", are as those of :func:`patch_contrast`.
+    Source: ISO 18844:2017 and ISO 9358, which state it in per cent.
+
+    >>> veiling_glare(torch.full((8, 8), 2.0), torch.full((8, 8), 80.0)).value
+    tensor(0.0250, dtype=torch.float64)
+    """
+    a, b = _pixels(black=black, white=white)
+    mean_a, mean_b, var_a, var_b = a.mean(-1), b.mean(-1), _variance(a), _variance(b)
+    index = mean_a / mean_b
+    margin = Z * torch.sqrt(var_a / a.shape[-1] + index**2 * var_b / b.shape[-1]) / mean_b
+    flags = {"noiseless": var_a + var_b == 0, "not_finite": ~torch.isfinite(index)}
+    return BatchEstimate(index, index - margin, index + margin, flags)
 
 
 def contrast_transfer_accuracy(

@@ -1,8 +1,9 @@
-"""``blurnoise measure``: image quality at the slanted edges of a picture, or of simulated charts."""
+"""``blurnoise measure``: image quality of a captured chart or video, or of simulated charts."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -21,6 +22,7 @@ from blurnoise_eval.cli._options import (
 )
 from blurnoise_eval.plan.axes import AXES, with_defaults
 from blurnoise_eval.plan.files import PlanFile
+from blurnoise_eval.plan.lamps import pwm_of
 from blurnoise_eval.plan.plan import SweepPlan
 from blurnoise_eval.plan.settings import Text, nested, setting
 from blurnoise_eval.system.progress import ProgressBar
@@ -29,6 +31,7 @@ from blurnoise_eval.system.terminal import say, say_json, show, width
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from blurnoise_eval.measure.captured import Captured
     from blurnoise_eval.measure.edges import MeasuredEdge
 
 _LABEL_WIDTH, _REGION_WIDTH, _PIPE_WIDTH = 24, 28, 80  # of the table's columns, in characters
@@ -68,9 +71,20 @@ class ChartFile(PlanFile):
 def measure(
     image: Annotated[
         Path | None,
-        Argument(metavar="IMAGE", help="8- or 16-bit picture with slanted edges (default: simulated charts)"),
+        Argument(
+            metavar="IMAGE",
+            help="8- or 16-bit picture of a chart; for flicker a video, or a folder of frames (default: simulated "
+            "charts)",
+        ),
     ] = None,
     *,
+    of: Annotated[
+        Literal["edges", "star", "glare", "flicker"],
+        Option(
+            help="what to measure: slanted edges; the Siemens star in --roi; glare, with a --roi of a light trap and "
+            "one of the white field; flicker of the lamp in --roi, and with one of the scene without it, detection"
+        ),
+    ] = "edges",
     output: Annotated[
         Path | None,
         Option("-o", "--output", parser=new_folder, metavar="DIR", help="folder for tables and figures"),
@@ -83,6 +97,7 @@ def measure(
             help="region with one edge: left, top, width, height, px; repeatable (default: edges are detected)",
         ),
     ] = None,
+    cycles: Annotated[int | None, Option(help="periods of the star (default: 36)")] = None,
     mode: Annotated[
         Literal["exact", "iso"],
         Option(
@@ -109,16 +124,18 @@ def measure(
     config: ChartFile,
     as_json: Json = False,
 ) -> None:
-    """Measure image quality at the slanted edges of a picture, or of simulated charts over exposure, light and
-    motion. Each value has a 95 % interval.
+    """Measure image quality at the slanted edges of a picture, of another chart, or of simulated charts over
+    exposure, light and motion. Each value has a 95 % interval.
 
       blurnoise measure chart.png                          detects the edges
       blurnoise measure photo.jpg --roi 410,96,80,120      measures one region
       blurnoise measure raw.png --black-level 40 --full-scale 4095 -o edges
+      blurnoise measure clip.mp4 --of flicker --roi 300,80,20,20
       blurnoise measure -o quality --camera mine.yaml --lux 20 --dx 0,100
 
-    Edges: MTF50 and related metrics, CNR and edge SNR, contrast, information capacity (SIC), noise-equivalent quanta
-    (NEQ) and the SNR of an ideal observer (SNRI). With -o, the command writes DIR/edges.csv, .json and .png.
+    Edges: MTF50 and related metrics, acutance, CNR and edge SNR, contrast, information capacity (SIC),
+    noise-equivalent quanta (NEQ) and the SNR of an ideal observer (SNRI). With -o, the command writes DIR/edges.csv,
+    .json and .png.
 
     A dash with a reason replaces a value that cannot be measured: the edge is clipped, blurred beyond its region, or
     one of two edges in the region. A question mark marks a value that may be wrong; the reason is below the table.
@@ -131,15 +148,17 @@ def measure(
     frequencies. They use the nearest edge of the other orientation; if there is none, they assume the same blur in
     both directions. NEQ refers to the bright side of the edge. It does not need the gain, but the black level.
 
-    Simulated charts (without IMAGE): the same metrics, patch SNR, contrast transfer accuracy (CTA), PSNR and
-    SSIM. Each chart is simulated with two noise fields, or with as many as 'repeats' of the plan says. The command
-    writes DIR/quality.csv (one row per condition and metric) and DIR/quality.json. For each light it draws a figure
-    in DIR/figures: the metrics against exposure, one line per speed. Where a value is not available (saturated, lost
-    in noise, blurred beyond the chart), its flags give the reason. Headlamps of --light do not light charts.
+    Simulated charts (without IMAGE): the same metrics, patch SNR, contrast transfer accuracy (CTA), veiling glare,
+    MTF50 of a star, PSNR and SSIM; where the plan has a pulsed lamp (pwm) that lights them, also its flicker. Each
+    chart is simulated with two noise fields, or with as many as 'repeats' of the plan says. The command writes
+    DIR/quality.csv (one row per condition and metric) and DIR/quality.json. For each light it draws a figure in
+    DIR/figures: the metrics against exposure, one line per speed. Where a value is not available (saturated, lost in
+    noise, blurred beyond the chart), its flags give the reason. Headlamps of --light do not light charts.
     """
-    of_image: dict[str, Any] = {"roi": roi, "mode": None if mode == "exact" else mode}
+    of_edges: dict[str, Any] = {"mode": None if mode == "exact" else mode, "target": target}
+    of_image: dict[str, Any] = {"roi": roi, "of": None if of == "edges" else of, "cycles": cycles, **of_edges}
     of_image |= {"coding": None if coding == "auto" else coding, "black_level": black_level}
-    of_image |= {"full_scale": full_scale, "oecf": oecf, "target": target}
+    of_image |= {"full_scale": full_scale, "oecf": oecf}
     if image is None:
         inputs.refuse_unused(of_image, "IMAGE")
         if output is None:
@@ -155,19 +174,36 @@ def measure(
     changed["camera"] = config.camera
     changed["plan"] = config != usual or None if not any(changed.values()) else None  # of what has no option
     inputs.refuse_unused(changed, "simulated charts, so no IMAGE")
+    if of != "edges":
+        inputs.refuse_unused(of_edges, "--of edges")
+    if of != "star":
+        inputs.refuse_unused({"cycles": cycles}, "--of star")
     from blurnoise.metrics.edge.response import ISO_EDITION
     from blurnoise_eval.calibration.tone import read_oecf
     from blurnoise_eval.datasets import decode
-    from blurnoise_eval.measure import edges
+    from blurnoise_eval.measure import captured, edges
     from blurnoise_eval.measure.figures import draw_regions
     from blurnoise_eval.measure.linear import linear
     from blurnoise_eval.system.files import check_outputs, write_figure, write_records
 
     square = edges.TargetSquare.parse(target) if target else edges.TargetSquare()
     if output:
-        check_outputs(output, "edges.csv", "edges.json", "edges.png")
+        check_outputs(output, f"{of}.csv", f"{of}.json", *(["edges.png"] if of == "edges" else []))
     curve = read_oecf(oecf) if oecf else None
-    picture = linear(decode(image), coding, black_level=black_level, full_scale=full_scale, oecf=curve)
+    light = partial(linear, coding=coding, black_level=black_level, full_scale=full_scale, oecf=curve)
+    if of == "flicker":
+        _say_captured(captured.flickering(image, light, roi or []), of, image, output, as_json)
+        return
+    picture = light(decode(image))
+    if of in ("star", "glare"):
+        seen = (
+            captured.star(picture, roi or [], cycles or 36)
+            if of == "star"
+            else captured.glare(picture, roi or [])
+        )
+        _say_captured(seen, of, image, output, as_json)
+        say(*picture.notes, error=True)
+        return
     notes = [*picture.notes, *([f"iso: {ISO_EDITION}"] if mode == "iso" else [])]
     regions = edges.measure(picture, roi or edges.detected_regions(picture), mode=mode, target=square)
     rows = [edge.row() for edge in regions]
@@ -183,6 +219,24 @@ def measure(
     _say_table(regions, f"of {square.size_px} px, {100 * square.contrast:g} %")
     say(*notes, error=True)
     say(*(output / name for name in ("edges.csv", "edges.png") if output))
+
+
+def _say_captured(seen: Captured, of: str, image: Path, output: Path | None, as_json: bool) -> None:
+    """Write and print what a chart or a video shows."""
+    from blurnoise_eval.measure.edges import estimate_text
+    from blurnoise_eval.system.files import write_records
+
+    document = {"image": str(image), "of": of, **seen.document()}
+    if output:
+        output.mkdir(parents=True, exist_ok=True)
+        write_records(of, seen.rows, document, output)
+    if as_json:
+        say_json(document)
+        return
+    for title, number in seen.numbers.items():
+        flags = f"  [{', '.join(sorted(number.flags))}]" if number.flags else ""
+        say(f"{title}: {estimate_text(number)}{flags}")
+    say(*([output / f"{of}.csv"] if output else []))
 
 
 def _measure_charts(config: ChartFile, output: Path, as_json: bool) -> None:
@@ -203,6 +257,7 @@ def _measure_charts(config: ChartFile, output: Path, as_json: bool) -> None:
             repeats=plan.repeats,
             seed=plan.seed,
             spectrum=plan.own_spectrum,
+            lamp=pwm_of(plan.lamps.pwm)[0] if plan.lamps and plan.lamps.pwm else None,
             threads=workers,
             progress=advance,
         )

@@ -29,8 +29,17 @@ from blurnoise import charts, simulate
 from blurnoise.camera import Camera
 from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.camera.spectra import Curve
-from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
-from blurnoise.metrics.patches import contrast_transfer_accuracy, patch_contrast, patch_snr, psnr, ssim
+from blurnoise.light.lamp import Pwm
+from blurnoise.metrics import Flag, SlantedEdge, flicker, information, slanted_edge
+from blurnoise.metrics.patches import (
+    contrast_transfer_accuracy,
+    patch_contrast,
+    patch_snr,
+    psnr,
+    ssim,
+    veiling_glare,
+)
+from blurnoise.metrics.sharpness import star_response
 from blurnoise.metrics.values import BatchEstimate, Estimate
 from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.measure.edges import EDGE_METRICS, EdgePair, Metric, TargetSquare
@@ -51,10 +60,16 @@ PATCH_PX = 240  # as in Lin et al., 4.1
 SIGN_PX, SIGN_PICTURE_PX = 100, 200
 TARGET_PX = 10
 """Side of the square of the ideal observer: a stroke of a letter on a sign of 200 px."""
+STAR_PX = 256
+TRAP_PX = 24
+"""Radius of the light trap, 3 % of its picture; side of the square in it that is measured, and of lit patches."""
+LAMP_FRAMES = 60
 WEBER, TOLERANCE = BRIGHT / DARK - 1, 0.5
 CLIPPED = "clipped"
 _WITHHELD = frozenset({CLIPPED, "noiseless", "not_finite", "no_light"})
 _CLIPPED_SHARE = 0.005
+_STEADY = torch.ones(1, dtype=torch.float64)
+_STEADY_LAMP = Pwm(frequency_hz=1.0, duty=1.0)
 
 
 class Charts:
@@ -67,7 +82,9 @@ class Charts:
         repeats: int,
         seed: int,
         spectrum: Curve | None = None,
+        lamp: Pwm = _STEADY_LAMP,
     ) -> None:
+        self._lamp = lamp
         self._at = conditions.exposure(camera, spectrum=spectrum)  # headlamps, if any, light no chart
         self._camera, digital_db = self._at.amplified
         self._gain, self._black = 10 ** (digital_db / 20), camera.sensor.black_level_dn
@@ -78,18 +95,19 @@ class Charts:
         self._moved_px = [abs(moved) for moved in conditions.displacement_px]
         self._repeats, self._seed = repeats, seed
 
-    def frames(self, name: str) -> Tensor:
-        """Digital numbers (n, 1, H, W) of a chart of :func:`_scenes`, not rounded after digital gain."""
+    def frames(self, name: str, light: Tensor = _STEADY) -> Tensor:
+        """Digital numbers (n, 1, H, W) of a chart of :func:`_scenes`, not rounded after digital gain; with factors on
+        the light (F,) those of n times F frames."""
         dn = simulate(
-            _scenes()[name].expand(self._repeats, -1, -1, -1),
+            _scenes()[name].expand(self._repeats * len(light), -1, -1, -1),
             self._camera,
             exposure_s=self._at.exposure_s,
-            illuminance_lux=self._at.illuminance_lux,
+            illuminance_lux=self._at.illuminance_lux * light.repeat(self._repeats),
             velocity_px_s=self._at.velocity_px_s,
             temperature_c=self._at.temperature_c,
             illuminant=self._at.illuminant,
             encoding="linear",
-            generator=[cell_seed(self._seed, name, repeat) for repeat in range(self._repeats)],
+            generator=[cell_seed(self._seed, name, number) for number in range(self._repeats * len(light))],
         )
         amplified = (dn - self._black) * self._gain + self._black
         return dn if self._gain == 1 else amplified.clamp(0.0, self._camera.sensor.full_scale_dn)
@@ -111,6 +129,37 @@ class Charts:
         """The bright and the dark patch above black, (n, H, W)."""
         bright, dark = (self.frames(name).double()[:, 0] - self._black for name in ("bright", "dark"))
         return bright, dark
+
+    @cached_property
+    def star(self) -> list[Estimate]:
+        """MTF50 of the Siemens star, by the mean power of its segments."""
+        modulation = (BRIGHT - DARK) / (BRIGHT + DARK)
+        dn = self.frames("star").double()[:, 0]
+        return [
+            Estimate(math.nan, flags=frozenset({CLIPPED}))
+            if float((frame >= self._full).double().mean()) > _CLIPPED_SHARE
+            else star_response(frame - self._black, modulation=modulation).mtf50
+            for frame in dn
+        ]
+
+    @cached_property
+    def glare(self) -> list[Estimate]:
+        """Veiling glare index, of the middle of a light trap and of the white field along the border."""
+        dn = self.frames("trap").double()[:, 0]
+        trap = slice((PATCH_PX - TRAP_PX) // 2, (PATCH_PX + TRAP_PX) // 2)
+        black, white = dn[:, trap, trap], dn[:, :TRAP_PX]
+        cut = ((black <= 0).double() + (white >= self._full).double().mean((1, 2), keepdim=True)).mean((1, 2))
+        index = veiling_glare(black - self._black, white - self._black)
+        return estimates_of(replace(index, flags={**index.flags, CLIPPED: cut > _CLIPPED_SHARE}))
+
+    def of_lamp(self, index: Callable[[Tensor], BatchEstimate]) -> list[Estimate]:
+        """An index of the means of a white patch in the lamp's light, of frames that begin all over its period."""
+        starts_s = torch.arange(LAMP_FRAMES, dtype=torch.float64) / LAMP_FRAMES / self._lamp.frequency_hz
+        dn = self.frames("lit", self._lamp.factor(self._at.exposure_s, starts_s)).double()
+        frames = (dn - self._black).view(self._repeats, LAMP_FRAMES, -1)
+        cut = (dn >= self._full).double().view(self._repeats, -1).mean(1) > _CLIPPED_SHARE
+        found = index(frames.mean(2))
+        return estimates_of(replace(found, flags={**found.flags, CLIPPED: cut}), {CLIPPED})
 
     @cached_property
     def snr(self) -> list[BatchEstimate]:
@@ -239,10 +288,32 @@ METRICS: tuple[Metric, ...] = (
         "cta", "CTA", "1", f"share of pixel pairs within ±{TOLERANCE:.0%} of Weber contrast {WEBER:.3g}",
         _cta, "share",
     ),
+    _edge_metric("acutance", "acutance_x", "Acutance, of x", "SFR across x as the eye weighs it, 60 px per degree"),
+    Metric(
+        "mtf50_star", "MTF50 of a star", "cycles/px", "s-SFR of a Siemens star, mean power of 8 segments",
+        lambda charts: charts.star, "log",
+    ),
+    Metric(
+        "veiling_glare", "Veiling glare", "1", "light trap over the white field about it, which is the whole picture",
+        lambda charts: charts.glare,
+    ),
     Metric("psnr_db", "PSNR", "dB", _SIGN, lambda charts: charts.of_sign(psnr)),
     Metric("ssim", "SSIM", "1", _SIGN, lambda charts: charts.of_sign(ssim), "share"),
 )  # fmt: skip
 """The metrics of charts; a new metric is one entry, and appears in tables and figures."""
+
+_FRAMES = f"{LAMP_FRAMES} frames of a white patch in the light of pwm"
+LAMP_METRICS: tuple[Metric, ...] = (
+    Metric(
+        "fmi", "Flicker modulation index", "1", f"(max - min)/(max + min), {_FRAMES}",
+        lambda charts: charts.of_lamp(flicker.modulation_index), "share",
+    ),
+    Metric(
+        "mmp", "Modulation mitigation", "1", f"share of frames within 10 % of the mean, {_FRAMES}",
+        lambda charts: charts.of_lamp(flicker.mitigation_probability), "share",
+    ),
+)  # fmt: skip
+"""The further metrics where a plan has a pulsed lamp."""
 
 
 @dataclass(frozen=True)
@@ -278,21 +349,25 @@ def measure(
     repeats: int = 1,
     seed: int = 0,
     spectrum: Curve | None = None,
+    lamp: Pwm | None = None,
     threads: int = 1,
     progress: Callable[[float], object] = lambda count: None,
 ) -> list[MetricRow]:
     """Measure every metric under every condition, in their order, independent of the number of threads.
 
     A camera with a mosaic is simulated as if all pixels had its strongest filter. spectrum: of the illuminant "own".
-    ``progress`` receives 1 for every
-    condition. Raises what :func:`blurnoise.simulate` does; :func:`check` raises the same before any work.
+    lamp: that ``LAMP_METRICS`` are of; None: without them. ``progress`` receives 1 for every condition. Raises what
+    :func:`blurnoise.simulate` does; :func:`check` raises the same before any work.
     """
     camera = behind_one_filter(camera)
 
     def at(condition: Conditions) -> list[MetricRow]:
-        charts, numbers = Charts(camera, condition, repeats, seed, spectrum), condition.on(camera)
+        charts, numbers = (
+            Charts(camera, condition, repeats, seed, spectrum, lamp or _STEADY_LAMP),
+            condition.on(camera),
+        )
         rows = []
-        for metric in METRICS:
+        for metric in METRICS if lamp is None else (*METRICS, *LAMP_METRICS):
             estimates = metric.of(charts)
             available = sum(estimate.available for estimate in estimates)
             rows.append(MetricRow(numbers, metric.name, mean_of(estimates), available, repeats))
@@ -317,8 +392,8 @@ def check(camera: Camera, plan: SweepPlan) -> None:
             raise ValueError(f"{name}: must be {must}")
     if plan.beams:
         raise ValueError("headlamp: must be off, as a chart has no targets")
-    if plan.lamps is not None:
-        raise ValueError("emitters, pwm: must be left out; a chart has no lamps")
+    if plan.lamps is not None and (plan.lamps.on_targets or plan.lamps.pwm is None):
+        raise ValueError("emitters, pwm_mask: must be left out; a pulsed lamp lights the chart as a whole")
     if plan.infrared is not None:
         raise ValueError("infrared: must be left out; charts are measured in visible light")
     if len(camera.sensor.captures) > 1:  # a chart's metrics are of one frame's digital numbers
@@ -328,13 +403,21 @@ def check(camera: Camera, plan: SweepPlan) -> None:
         conditions.exposure(camera, spectrum=plan.own_spectrum)
 
 
+def metrics_in(rows: Sequence[MetricRow]) -> list[Metric]:
+    """The metrics that rows are of, in the order of tables."""
+    names = {row.metric for row in rows}
+    return [metric for metric in (*METRICS, *LAMP_METRICS) if metric.name in names]
+
+
 def write(rows: Sequence[MetricRow], camera: Camera, plan: SweepPlan, folder: Path) -> None:
     """Write quality.csv, a row per condition and metric, and quality.json with definitions; raises ``OSError``."""
     records, about = [row.record() for row in rows], ("name", "title", "unit", "about")
     document = {
         "camera": camera.to_dict(),
         "plan": plan.to_dict(),
-        "metrics": {metric.name: {name: getattr(metric, name) for name in about} for metric in METRICS},
+        "metrics": {
+            metric.name: {name: getattr(metric, name) for name in about} for metric in metrics_in(rows)
+        },
         "rows": records,
     }
     write_records("quality", records, document, folder)
@@ -345,10 +428,15 @@ def _scenes() -> dict[str, Tensor]:
     """The charts, (1, C, H, W) linear reflectance."""
     edge = {"dark": DARK, "bright": BRIGHT}
     along, side = ALONG_PX + 2 * SPARE_PX, SIGN_PICTURE_PX
+    white = charts.flat_patch(PATCH_PX, PATCH_PX, reflectance=BRIGHT)
+    x = torch.arange(PATCH_PX) - (PATCH_PX - 1) / 2
     return {
         "across_x": charts.slanted_edge(along, ACROSS_PX, angle_deg=TILT_DEG, **edge),
         "across_y": charts.slanted_edge(ACROSS_PX, along, angle_deg=90 + TILT_DEG, **edge),
-        "bright": charts.flat_patch(PATCH_PX, PATCH_PX, reflectance=BRIGHT),
+        "bright": white,
         "dark": charts.flat_patch(PATCH_PX, PATCH_PX, reflectance=DARK),
+        "star": charts.siemens_star(STAR_PX, dark=DARK, bright=BRIGHT),
+        "trap": white * (torch.hypot(x, x[:, None]) >= TRAP_PX),
+        "lit": white[..., :TRAP_PX, :TRAP_PX],
         "sign": charts.stop_sign(SIGN_PX, height_px=side, width_px=side, background=DARK),
     }

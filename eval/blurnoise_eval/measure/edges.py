@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 from blurnoise._core import checks
 from blurnoise.metrics import Flag, SlantedEdge, information
 from blurnoise.metrics.edge.measurement import Mode
+from blurnoise.metrics.sharpness import acutance
 from blurnoise.metrics.values import Estimate, Roi
 from blurnoise_eval.measure.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
 from blurnoise_eval.measure.linear import LinearPicture
@@ -33,8 +34,8 @@ _DOUBTS = {
 class Metric:
     """A metric of image quality: its name in tables, title, unit, definition, and the function that measures it.
 
-    of: from what is measured to an estimate, or a list of them; larger is better. scale: of its axis in figures; a
-    share lies between 0 and 1.
+    of: from what is measured to an estimate, or a list of them; larger is better, save glare and flicker. scale: of
+    its axis in figures; a share lies between 0 and 1.
     """
 
     name: str
@@ -107,6 +108,7 @@ EDGE_METRICS: tuple[Metric, ...] = (
     Metric("mtf50p", "MTF50P", "cycles/px", "response half of its peak", _scalar("mtf50p"), "log"),
     Metric("mtf_nyquist_2", "MTF at Nyquist/2", "1", "at 1/4 cycles/px", _scalar("mtf_nyquist_2"), "share"),
     Metric("mtf_nyquist", "MTF at Nyquist", "1", "at 1/2 cycles/px", _scalar("mtf_nyquist"), "share"),
+    Metric("acutance", "acutance", "1", "SFR as the eye weighs it, 60 px per degree", _of(acutance, 1)),
     Metric("cnr", "CNR", "1", "step over the root of the mean noise variance", _scalar("cnr"), "log"),
     Metric("edge_snr_db", "edge SNR", "dB", "20 log10 of CNR", _scalar("edge_snr_db")),
     Metric("michelson", "Michelson contrast", "1", "step over sum of levels", _scalar("michelson"), "share"),
@@ -213,6 +215,8 @@ def estimate_text(estimate: Estimate) -> str:
     if not estimate.available:
         return "-"
     doubted = "?" if estimate.flags else ""
+    if math.isnan(estimate.low):
+        return f"{_number(estimate.value, 4)}{doubted}"
     return f"{_number(estimate.value, 4)}{doubted} ({_number(estimate.low, 3)}–{_number(estimate.high, 3)})"
 
 

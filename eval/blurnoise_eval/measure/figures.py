@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from blurnoise.camera.colour import srgb_from_linear
-from blurnoise_eval.measure.charts import CLIPPED, METRICS, MetricRow
+from blurnoise_eval.measure.charts import CLIPPED, MetricRow, metrics_in
 from blurnoise_eval.measure.edges import MeasuredEdge
 from blurnoise_eval.measure.linear import LinearPicture
 from blurnoise_eval.plan.axes import SETTING, axis, setting_of, velocity_of, velocity_text
@@ -59,8 +59,9 @@ def against_exposure(rows: Sequence[MetricRow], title: str) -> Figure:
     velocities = sorted({velocity_of(row.at) for row in rows}, key=lambda v: (math.hypot(*v), v))
     velocities = style.spread(velocities, style.MAX_LINES)
     colours = style.line_colours("viridis", len(velocities))
-    figure, panels = style.small_multiples(len(METRICS), _COLUMNS, (3.5, 2.45), (0.0, 1.3), sharex=True)
-    for axes, metric in zip(panels, METRICS, strict=True):
+    metrics = metrics_in(rows)
+    figure, panels = style.small_multiples(len(metrics), _COLUMNS, (3.5, 2.45), (0.0, 1.3), sharex=True)
+    for axes, metric in zip(panels, metrics, strict=True):
         style.tidy(axes, title=metric.label)
         axes.set(xscale="log", yscale="log" if metric.scale == "log" else "linear")
         style.plain_numbers(axes.xaxis, digits=(1, 3))

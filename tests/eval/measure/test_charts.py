@@ -2,19 +2,23 @@
 
 import json
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from blurnoise_eval.measure import charts as quality
 from blurnoise_eval.measure import figures as quality_figures
 from blurnoise_eval.measure.charts import BRIGHT, DARK, METRICS, TILT_DEG
 from blurnoise_eval.measure.edges import Metric
+from blurnoise_eval.plan.lamps import Lamps
 from closed_edges import closed_mtf, closed_mtf50
 from plans import plan as swept
 
-from blurnoise import Camera
+from blurnoise import Camera, Pwm
 from blurnoise.camera.radiometry import photoelectrons
 from blurnoise.metrics import information
+from blurnoise.metrics.sharpness import contrast_sensitivity
 from blurnoise.metrics.values import Estimate
 
 CAMERA = Camera.preset("imx250")
@@ -134,6 +138,56 @@ def test_information_is_the_closed_forms(rows, exposure_s):
     assert 0.9 * ideal < reading(rows, "snri", exposure_s).value < ideal
 
 
+def test_acutance_and_the_star_fall_with_motion_as_the_closed_forms_do(rows):
+    """8 px along x: the edge's response weighed by the eye; the star's by the mean power of its segments."""
+    frequency = torch.linspace(0, 1, 1001, dtype=torch.float64)
+    weights = contrast_sensitivity(60 * frequency)
+    for speed_px_s, moved_px in ((0.0, 0.0), (500.0, 8.0)):
+        response = np.abs(
+            closed_mtf(frequency.numpy(), angle_deg=TILT_DEG, sigma_px=0.0, motion_px=(moved_px, 0.0))
+        )
+        truth = float(torch.from_numpy(response) @ weights / weights.sum())
+        found = reading(rows, "acutance_x", 0.016, speed_px_s)
+        assert found.value == pytest.approx(truth, rel=0.005)
+        turn = (torch.arange(800, dtype=torch.float64) + 0.5) / 800 * 2 * math.pi - math.pi / 8
+        x, y = (frequency[1:, None] * wave(turn) for wave in (torch.sin, torch.cos))
+        seen = torch.sinc(x) * torch.sinc(y) * torch.sinc(moved_px * x)
+        power = seen.view(len(seen), 8, 100).mean(2).square().mean(1)
+        half = float(frequency[1:][power < 0.25][0])
+        assert near(star := reading(rows, "mtf50_star", 0.016, speed_px_s), half)
+        assert star.value == pytest.approx(half, rel=0.02)
+
+
+def test_veiling_glare_is_the_share_that_the_lens_spreads():
+    """A veil v of a field with a trap of area a: v (1 - a) over 1 - v a."""
+    veil, area = 0.03, math.pi * (quality.TRAP_PX / quality.PATCH_PX) ** 2
+    plan = swept((0.004, 0.1), (LUX,), (0.0,))
+    for share, truth in ((0.0, 0.0), (veil, veil * (1 - area) / (1 - veil * area))):
+        rows = measured(plan, CAMERA.with_figures(veil_share=share))
+        found = reading(rows, "veiling_glare", 0.004)
+        assert near(found, truth, 2.0)
+        assert found.high - found.low < 0.001
+        assert "clipped" in reading(rows, "veiling_glare", 0.1).flags
+
+
+def test_flicker_of_a_pulsed_lamp_is_that_of_its_light():
+    """90 Hz, on for a quarter: frames of 2 ms miss it, those of 12 ms see 0.25 to 0.33 periods of light."""
+    plan = replace(swept((0.002, 0.012), (LUX,), (0.0,)), lamps=Lamps(pwm="90,0.25"))
+    quality.check(CAMERA, plan)
+    rows = quality.measure(CAMERA, plan.conditions(), lamp=Pwm(90.0, 0.25))
+    assert reading(rows, "fmi", 0.002).value == pytest.approx(1.0, abs=0.01)
+    low, high = Pwm(90.0, 0.25).extremes(0.012)
+    assert reading(rows, "fmi", 0.012).value == pytest.approx((high - low) / (high + low), abs=0.005)
+    middle = 1 / quality.LAMP_FRAMES
+    starts = torch.arange(0, 1, 1e-4, dtype=torch.float64) / 90
+    factors = Pwm(90.0, 0.25).factor(0.012, starts)
+    share = float(((factors - factors.mean()).abs() < 0.1 * factors.mean()).double().mean())
+    assert reading(rows, "mmp", 0.012).value == pytest.approx(share, abs=2 * middle)
+    assert not {"fmi", "mmp"} & {row.metric for row in measured(swept((0.002,), (LUX,), (0.0,)))}
+    with pytest.raises(ValueError, match="emitters, pwm_mask"):
+        quality.check(CAMERA, replace(plan, lamps=Lamps(emitters="targets:3")))
+
+
 # --- what is withheld -------------------------------------------------------
 
 
@@ -196,8 +250,7 @@ def test_a_new_metric_is_one_entry(monkeypatch, tmp_path):
         "weber", "Weber contrast", "1", "bright / dark - 1",
         lambda taken: [Estimate(float(b.mean() / d.mean()) - 1) for b, d in zip(*taken.patches, strict=True)],
     )  # fmt: skip
-    for module in (quality, quality_figures):
-        monkeypatch.setattr(module, "METRICS", (*METRICS, weber))
+    monkeypatch.setattr(quality, "METRICS", (*METRICS, weber))
     plan = swept((0.004, 0.008), (LUX,), (0.0,))
     rows = measured(plan)
     assert reading(rows, "weber", 0.004).value == pytest.approx(BRIGHT / DARK - 1, rel=0.05)

@@ -23,6 +23,7 @@ from blurnoise import charts
 from blurnoise.blur.convolution import motion_blur
 from blurnoise.camera.colour import srgb_from_linear
 from blurnoise.metrics import Flag, information
+from blurnoise.metrics.sharpness import contrast_sensitivity
 from blurnoise.metrics.values import Estimate
 
 # of the pictures of 12 bits below, DN; their edges go from 400 to 3200 above black
@@ -65,12 +66,15 @@ def test_numbers_are_the_closed_forms(tmp_path, capsys):
     square = information.shannon_capacity_square(
         frequency, frequency, power=both, signal_pp=STEP, noise_variance=variance
     )
+    fine = torch.linspace(0, 1, 1001, dtype=torch.float64)
+    seen, weights = (sinc(4.4 * cos * fine) * sinc(cos * fine)).abs(), contrast_sensitivity(60 * fine)
     quanta = information.neq(both, mean_signal=3200.0, noise_power_spectrum=variance)
     expected = {
         "mtf50": chart.mtf50(5.0, 4.4),
         "mtf50p": chart.mtf50(5.0, 4.4),
         "mtf_nyquist_2": abs(float(response[250])),
         "mtf_nyquist": abs(float(response[500])),
+        "acutance": float(seen @ weights / weights.sum()),
         "cnr": STEP / math.sqrt(variance),
         "edge_snr_db": 20 * math.log10(STEP / math.sqrt(variance)),
         "michelson": STEP / 3600,
