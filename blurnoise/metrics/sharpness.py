@@ -43,9 +43,10 @@ def contrast_sensitivity(cycles_per_degree: Tensor) -> Tensor:
     Source: IEEE Std 1858-2016, 5.4; in public D. Baxter et al. 2012, "Development of the I3A CPIQ spatial metrics".
 
     >>> contrast_sensitivity(torch.tensor([0.0, 4.0, 60.0])).round(decimals=2)  # highest at 0.8 / 0.2
-    tensor([0., 3., 0.])
+    tensor([0., 3., 0.], dtype=torch.float64)
     """
-    return 75 * cycles_per_degree**0.8 * torch.exp(-0.2 * cycles_per_degree) / 34.05
+    v = values.real("cycles_per_degree", cycles_per_degree)
+    return 75 * v**0.8 * torch.exp(-0.2 * v) / 34.05
 
 
 def acutance(edge: SlantedEdge, *, px_per_degree: float = PX_PER_DEGREE) -> Estimate:
@@ -111,10 +112,12 @@ def star_response(picture: Tensor, *, cycles: int = 36, modulation: float | None
     pixels = values.real("picture", picture, dims=2).detach().numpy()
     largest, finest = min(pixels.shape[-2:]) / 2, checks.counted("cycles", cycles) / (2 * math.pi * _FINEST)
     if modulation is not None:
-        checks.in_range("modulation", modulation, 0.0, 1.0, above=True)
+        modulation = checks.in_range("modulation", modulation, 0.0, 1.0, above=True)
     if pixels.ndim != 2 or largest < 3 * finest:
         must = f"must be (H, W), {math.ceil(6 * finest)} px or more per side"
         raise ValueError(f"picture: {must} for {cycles} cycles, got {pixels.shape}")
+    if not np.isfinite(pixels).all():
+        raise ValueError("picture: must be finite, contains NaN or Inf")
     radii = [largest]
     while radii[-1] > finest:
         radii.append(radii[-1] - max(1.0, _RING * radii[-1]))

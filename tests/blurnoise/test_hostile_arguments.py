@@ -15,7 +15,7 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
 from blurnoise.camera.captures import staggered
-from blurnoise.metrics import flicker, information, patches, slanted_edge
+from blurnoise.metrics import flicker, information, patches, sharpness, slanted_edge
 from blurnoise.training.pictures import expose_pictures
 
 CAMERA = Camera.preset("imx250")
@@ -131,10 +131,14 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (information.ideal_observer_snr, {"difference": PATCH, "power": 1.0, "noise_power_spectrum": 1.0}),
     (information.square_integral, {**PLANE, "density": AXIS[:, None] * AXIS}),
     (patches.patch_snr, {"patch": PATCH, "limits_dn": (0.0, 1.0)}),
+    (patches.veiling_glare, {"black": PATCH, "white": PATCH + 1}),
+    (sharpness.acutance, {"edge": MEASURED, "px_per_degree": 60.0}),
+    (sharpness.contrast_sensitivity, {"cycles_per_degree": AXIS}),
+    (sharpness.star_response, {"picture": charts.siemens_star(60)[0, 0], "cycles": 36, "modulation": 0.5}),
     (patches.psnr, {"picture": PICTURES, "reference": PICTURES, "data_range": 1.0}),
     (patches.ssim, {"picture": PICTURES, "reference": PICTURES, "data_range": 1.0}),
 ]  # fmt: skip
-METRICS = (information, patches)
+METRICS = (information, patches, sharpness)
 with FakeTensorMode():
     FAKE = torch.ones(())
 WITHIN_ITSELF: list[Any] = []

@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import cv2
 import made_brackets
 import made_frames
 import numpy as np
@@ -55,8 +56,23 @@ def _write_pictures(folder, scene):
     ]
     coded = srgb_from_linear(seen[0].clamp(0, 1))[0, 0].mul(255).round().byte().numpy()
     write_picture(folder / "chart.png", coded)
+    _write_charts(folder)
     for name, light in zip(("simulated.png", "real.png"), seen[1:], strict=True):
         write_picture(folder / name, (light[0, 0].clamp(0, 1) * 60000 + 64).round().numpy().astype(np.uint16))
+
+
+def _write_charts(folder):
+    star = srgb_from_linear(charts.siemens_star(300.0, height_px=320, width_px=320))
+    write_picture(folder / "star.png", star[0, 0].mul(255).round().byte().numpy())
+    trap = np.full((100, 160), 220, np.uint8)
+    trap[40:60, 70:90] = 30
+    write_picture(folder / "trap.png", trap)
+    video = cv2.VideoWriter(str(folder / "clip.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30, (64, 48))
+    for level in (200, 20, 20, 120) * 8:
+        frame = np.full((48, 64, 3), 20, np.uint8)
+        frame[8:32, 8:32] = level
+        video.write(frame)
+    video.release()
 
 
 def _random(seed):

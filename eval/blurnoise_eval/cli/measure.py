@@ -130,7 +130,7 @@ def measure(
       blurnoise measure chart.png                          detects the edges
       blurnoise measure photo.jpg --roi 410,96,80,120      measures one region
       blurnoise measure raw.png --black-level 40 --full-scale 4095 -o edges
-      blurnoise measure clip.mp4 --of flicker --roi 300,80,20,20
+      blurnoise measure clip.avi --of flicker --roi 300,80,20,20
       blurnoise measure -o quality --camera mine.yaml --lux 20 --dx 0,100
 
     Edges: MTF50 and related metrics, acutance, CNR and edge SNR, contrast, information capacity (SIC),
