@@ -27,13 +27,15 @@ SEGMENTS = 8
 """Of a ring of the star, as ISO 12233 has them: displaced or direction-dependent phases then do not cancel."""
 Z = NormalDist().inv_cdf(0.975)
 _RING = 0.06  # width over radius: the frequency within a ring is alike to 3 %
-_FINEST = 0.8  # cycles/px: rings further in have too few pixels
+_FINEST, _SMALLEST_PX = 0.8, 8.0  # cycles/px, and radius of a ring: those further in have too few pixels
 _CENTRING = (
     0.5,
     0.35,
     0.25,
     0.18,
 )  # smallest radius, of the largest, of the rings that place the centre, in turn
+_FEWEST_PERIODS, _BESIDE = 16, 6  # of a star; and how far its spectrum spreads
+_LEAST_POWER = 1e-6  # of a star: a modulation of 0.1 %
 _CERTAIN = 10.0  # standard errors of the outer ring's power, at least, if it is a star's
 
 
@@ -97,8 +99,10 @@ class StarResponse(NamedTuple):
     mtf50: Estimate
 
 
-def star_response(picture: Tensor, *, cycles: int = 36, modulation: float | None = None) -> StarResponse:
-    """s-SFR of a sinusoidal Siemens star of ``cycles`` periods (ISO 12233) in the middle of ``picture``, (H, W).
+def star_response(
+    picture: Tensor, *, cycles: int | None = None, modulation: float | None = None
+) -> StarResponse:
+    """s-SFR of a sinusoidal Siemens star (ISO 12233) in the middle of ``picture``, (H, W). cycles: None counts them.
 
     A wave is fitted to each of eight segments of each ring; its amplitude over its mean is its modulation, and the
     centre is where phases agree. modulation: the chart's, (bright - dark)/(bright + dark); None: that of the outer
@@ -110,14 +114,15 @@ def star_response(picture: Tensor, *, cycles: int = 36, modulation: float | None
     0.6
     """
     pixels = values.real("picture", picture, dims=2).detach().numpy()
-    largest, finest = min(pixels.shape[-2:]) / 2, checks.counted("cycles", cycles) / (2 * math.pi * _FINEST)
+    if pixels.ndim != 2 or not np.isfinite(pixels).all():
+        raise ValueError(f"picture: must be (H, W) and finite, got {pixels.shape}")
+    cycles = _periods(pixels) if cycles is None else checks.counted("cycles", cycles)
+    largest, finest = min(pixels.shape) / 2, max(_SMALLEST_PX, cycles / (2 * math.pi * _FINEST))
     if modulation is not None:
         modulation = checks.in_range("modulation", modulation, 0.0, 1.0, above=True)
-    if pixels.ndim != 2 or largest < 3 * finest:
-        must = f"must be (H, W), {math.ceil(6 * finest)} px or more per side"
-        raise ValueError(f"picture: {must} for {cycles} cycles, got {pixels.shape}")
-    if not np.isfinite(pixels).all():
-        raise ValueError("picture: must be finite, contains NaN or Inf")
+    if largest < 3 * finest:
+        must = f"must be {math.ceil(6 * finest)} px or more per side for a star of {cycles} periods"
+        raise ValueError(f"picture: {must}, got {pixels.shape}")
     radii = [largest]
     while radii[-1] > finest:
         radii.append(radii[-1] - max(1.0, _RING * radii[-1]))
@@ -135,7 +140,7 @@ def star_response(picture: Tensor, *, cycles: int = 36, modulation: float | None
     # Rings beyond the star have no modulation; the first within it may be cut by the star's border.
     first = min(int(np.argmax(power > power.max() / 4)) + 1, len(power) - 1)
     frequency, power, error = frequency[first:], power[first:], error[first:]
-    flag = "" if power[0] > _CERTAIN * error[0] else "no_star"
+    flag = "" if power[0] > max(_CERTAIN * error[0], _LEAST_POWER) else "no_star"
     if not flag:
         reference = power[0] if modulation is None else modulation**2
         power, error = power / reference, error / reference
@@ -144,6 +149,21 @@ def star_response(picture: Tensor, *, cycles: int = 36, modulation: float | None
     mtf50 = Estimate(math.nan, flags=frozenset({flag})) if flag else Estimate(value, low, high)
     of_f, of_power, of_error = (torch.from_numpy(each.copy()) for each in (frequency, power, error))
     return StarResponse(of_f, of_power, of_error, (float(centre[0]), float(centre[1])), mtf50)
+
+
+def _periods(pixels: Floats) -> int:
+    """Periods around the middle, by the spectrum of its outer rings; from off the centre it widens, evenly."""
+    angle = 2 * math.pi * np.arange(2048) / 2048
+    radius = min(pixels.shape) / 2 * np.linspace(0.5, 0.95, 10)[:, None]
+    y, x = (
+        side / 2 + radius * wave
+        for side, wave in zip(pixels.shape, (np.sin(angle), np.cos(angle)), strict=True)
+    )
+    power = (np.abs(np.fft.rfft(pixels[y.astype(int), x.astype(int)])) ** 2).sum(0)
+    power[:_FEWEST_PERIODS] = 0
+    peak = int(power.argmax())
+    near = np.arange(max(0, peak - _BESIDE), min(len(power), peak + _BESIDE + 1))
+    return round(float(near @ power[near]) / max(float(power[near].sum()), 1e-300)) or _FEWEST_PERIODS
 
 
 class _Waves(NamedTuple):

@@ -97,7 +97,6 @@ def measure(
             help="region with one edge: left, top, width, height, px; repeatable (default: edges are detected)",
         ),
     ] = None,
-    cycles: Annotated[int | None, Option(help="periods of the star (default: 36)")] = None,
     mode: Annotated[
         Literal["exact", "iso"],
         Option(
@@ -156,7 +155,7 @@ def measure(
     noise, blurred beyond the chart), its flags give the reason. Headlamps of --light do not light charts.
     """
     of_edges: dict[str, Any] = {"mode": None if mode == "exact" else mode, "target": target}
-    of_image: dict[str, Any] = {"roi": roi, "of": None if of == "edges" else of, "cycles": cycles, **of_edges}
+    of_image: dict[str, Any] = {"roi": roi, "of": None if of == "edges" else of, **of_edges}
     of_image |= {"coding": None if coding == "auto" else coding, "black_level": black_level}
     of_image |= {"full_scale": full_scale, "oecf": oecf}
     if image is None:
@@ -176,8 +175,6 @@ def measure(
     inputs.refuse_unused(changed, "simulated charts, so no IMAGE")
     if of != "edges":
         inputs.refuse_unused(of_edges, "--of edges")
-    if of != "star":
-        inputs.refuse_unused({"cycles": cycles}, "--of star")
     from blurnoise.metrics.edge.response import ISO_EDITION
     from blurnoise_eval.calibration.tone import read_oecf
     from blurnoise_eval.datasets import decode
@@ -196,11 +193,7 @@ def measure(
         return
     picture = light(decode(image))
     if of in ("star", "glare"):
-        seen = (
-            captured.star(picture, roi or [], cycles or 36)
-            if of == "star"
-            else captured.glare(picture, roi or [])
-        )
+        seen = captured.star(picture, roi or []) if of == "star" else captured.glare(picture, roi or [])
         _say_captured(seen, of, image, output, as_json)
         say(*picture.notes, error=True)
         return

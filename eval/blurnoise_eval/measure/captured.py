@@ -50,18 +50,18 @@ class Captured:
         return {"metrics": numbers, "rows": self.rows}
 
 
-def star(picture: LinearPicture, rois: Sequence[Roi], cycles: int) -> Captured:
-    """s-SFR of the star of ``cycles`` in a region, or in the middle of the picture. Raises ``ValueError``.
+def star(picture: LinearPicture, rois: Sequence[Roi]) -> Captured:
+    """s-SFR of the star in a region, or in the middle of the picture. Raises ``ValueError``.
 
     >>> from blurnoise import charts
-    >>> seen = star(LinearPicture(charts.siemens_star(200)[0].double(), full_scale=1.0), [], 36)
+    >>> seen = star(LinearPicture(charts.siemens_star(200)[0].double(), full_scale=1.0), [])
     >>> round(seen.numbers["MTF50 of the star, cycles/px"].value, 1)
     0.6
     """
     if len(rois) > 1:
         raise ValueError(f"roi: {len(rois)} regions; must be one, that of the star")
     region = _region(picture, rois[0]) if rois else picture
-    found = star_response(torch.from_numpy(region.grey), cycles=cycles)
+    found = star_response(torch.from_numpy(region.grey))
     ends = [(found.power + sign * Z * found.error).clamp_min(0).sqrt().tolist() for sign in (0, -1, 1)]
     names = "frequency_cycles_px", "sfr", "low", "high"
     rows = [dict(zip(names, row, strict=True)) for row in zip(found.frequency.tolist(), *ends, strict=True)]

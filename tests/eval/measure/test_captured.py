@@ -38,8 +38,6 @@ def test_a_rendered_star_that_is_blurred_has_the_gaussians_mtf50(tmp_path, capsy
         "star",
         "--roi",
         "50,10,300,300",
-        "--cycles",
-        cycles,
         *RAW,
         "-o",
         tmp_path / "s",
@@ -119,7 +117,6 @@ def test_flicker_of_a_clip_is_the_one_it_was_made_with(tmp_path, capsys, kind):
         (("--of", "flicker", "--roi", "0,0,10,10"), "must be a video, or a folder, of two frames"),
         (("--of", "glare", "--roi", "0,0,10,10", "--roi", "0,0,999,10"), "must lie inside the picture"),
         (("--of", "star", "--target", "10,0.1"), "target: needs --of edges"),
-        (("--cycles", "36"), "cycles: needs --of star"),
     ],
 )  # fmt: skip
 def test_bad_input_is_named(tmp_path, capsys, arguments, message):
