@@ -111,17 +111,6 @@ def measure_tone(path: Path) -> Tone:
     return fit_tone(pictures, exposures, [shot.name for shot in shots], str(path))
 
 
-def stops_between(points: Points, low: int = _DARK, high: int = _MIDDLE) -> float:
-    """Stops of light between two values of 255 on a tone curve.
-
-    >>> round(stops_between(((0.0, 0.0), (1.0, 1.0))), 1)  # of a line
-    3.0
-    """
-    light, values = np.array(points).T
-    dark, bright = np.interp([low / 255, high / 255], values, light)
-    return float(np.log2(bright / dark))
-
-
 def _of_scale(path: Path) -> Tone:
     """A curve through the fields, in the logarithm of light relative to sRGB; straight beyond them."""
     numbers, light = map(np.array, read_oecf(path))
