@@ -34,7 +34,7 @@ _Bounds = Annotated[Any, BeforeValidator(bounds)]
 class PlanFile(Settings):
     """A sweep: models, pictures, camera, plan, the question, and the workers."""
 
-    KIND: ClassVar[str] = "plan of a sweep (blurnoise sweep, decide and quality --plan FILE)"
+    KIND: ClassVar[str] = "plan of a sweep (blurnoise sweep, decide and measure --plan FILE)"
 
     plan: SweepPlan = nested(SweepPlan)
     camera: Text | None = setting(None, _CAMERA, "NAME|FILE")
