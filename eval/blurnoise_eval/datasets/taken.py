@@ -26,6 +26,7 @@ from blurnoise_eval.datasets.exif import exif_exposure
 
 _VALUE, _LX_S, _LENS = 118 / 255, 10.0, 0.65
 _MUST = "must be time, ISO and f-number, such as 1/30,200,f2.8"
+_LIMITS = {"exposure_s": (1e-6, 1e5), "iso": (1.0, 1e7), "f_number": (0.5, 1000.0)}
 MOST_READ = 1000
 """Photographs of a set whose EXIF is read."""
 
@@ -34,7 +35,7 @@ MOST_READ = 1000
 class Taken:
     """An exposure: time in s, ISO, f-number; kind: what the ISO is, as EXIF names it.
 
-    Raises ``ValueError`` for values that are not positive and finite.
+    Raises ``ValueError`` for values that no camera has.
 
     >>> Taken.parse("1/30,200,f2.8").text
     '1/30 s, ISO 200, f/2.8'
@@ -46,9 +47,10 @@ class Taken:
     kind: str = ""
 
     def __post_init__(self) -> None:
-        for name in ("exposure_s", "iso", "f_number"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} = {getattr(self, name):g}: must be > 0")
+        for name, (low, high) in _LIMITS.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ValueError(f"{name} = {value:g}: must be {low:g} to {high:g}, as of cameras")
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -56,9 +58,13 @@ class Taken:
         try:
             time, iso, f_number = (part.strip() for part in text.split(","))
             f_number = f_number.lower().removeprefix("f").removeprefix("/")
-            return cls(float(Fraction(time)), float(iso), float(f_number))
+            numbers = float(Fraction(time)), float(iso), float(f_number)
         except (ValueError, ZeroDivisionError, OverflowError):
             raise ValueError(f"taken = {text!r}: {_MUST}") from None
+        try:
+            return cls(*numbers)
+        except ValueError as error:
+            raise ValueError(f"taken = {text!r}: {error}") from None
 
     @classmethod
     def of_file(cls, path: Path) -> Self | None:
