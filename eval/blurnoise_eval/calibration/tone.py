@@ -181,10 +181,12 @@ def _without_wrong(
             fit_response(*(np.delete(each[keep], out, 0) for each in (stack, times)), spread=False)
             for out in range(len(keep))
         ]
-        worst = [float(np.nanmax(np.abs(each.offsets))) for each in fits]
-        out = int(np.argmin(worst))
-        if worst[out] > max(_OFF, np.nanmax(np.abs(fit.offsets)) / 3):
+        most = max(_OFF, float(np.nanmax(np.abs(fit.offsets))) / 3)
+        agree = [out for out, each in enumerate(fits) if np.nanmax(np.abs(each.offsets)) <= most]
+        if not agree:
             break
+        # Offsets agree without a right neighbour, too: the curve then bends to the wrong picture, which leaves more.
+        out = min(agree, key=lambda each: float(np.nanmedian(fits[each].residuals)))
         index, keep = int(keep[out]), np.delete(keep, out)
         fit = fit_response(stack[keep], times[keep])
         alone = fit.light_of(stack[index : index + 1], times[index : index + 1])

@@ -193,6 +193,17 @@ def test_halves_of_a_real_bracket_predict_the_other():
         assert predicted == pytest.approx(green[:, known].mean(1).tolist(), abs=2.5)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not BRACKET.is_dir(), reason="no photographs here")
+@pytest.mark.parametrize("wrong", [3, 4])
+def test_of_real_pictures_the_one_two_stops_off_is_left_out(wrong):
+    """Not one of its neighbours, without which the offsets agree as well, while the curve bends to the wrong one."""
+    shots = listed(BRACKET)
+    exposures = [shot.exposure * (4 if place == wrong else 1) for place, shot in enumerate(shots)]
+    found = fit_tone([decode(shot.file) for shot in shots], exposures, [shot.name for shot in shots])
+    assert [line.partition(":")[0] for line in found.left_out] == [shots[wrong].name]
+
+
 @pytest.mark.parametrize(
     ("times", "rows", "why"),
     [
