@@ -6,8 +6,8 @@ of the outputs are, where the values of the outputs allow several readings, are 
 A network that is fed wrongly finds nothing, or much at random. So each picture enters as it is and mirrored, cropped
 and thereby enlarged, and detections in both count: the same class, boxes that overlap by half. Labels, where there
 are any, are one more view of the picture. With A, the sum of scores times overlaps that agree, and F, the sum of
-scores found, the merit of a variant in a picture is sqrt(max(0, A - F/10)). Variants are compared by the mean
-difference of their merits over the pictures, with Student's t.
+scores found, the merit of a variant in a picture is sqrt(max(0, A - F/10 - F^2/1000)). Variants are compared by the
+mean difference of their merits over the pictures, with Student's t.
 
 A field without a source is chosen where every variant that differs in it is surely worse; it stays assumed where some
 are only probably worse, or make no difference that matters; else it is doubtful, and a doubt names the best of them.

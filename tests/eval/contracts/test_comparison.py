@@ -2,14 +2,16 @@
 
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import onnx
 import pytest
+from blurnoise_eval import STOP_SIGN
 from blurnoise_eval.contracts.comparison import compared, contracts_chosen, output_problems
 from blurnoise_eval.contracts.reduced_noise import resize_doubt
 from blurnoise_eval.contracts.variants import Variant
-from blurnoise_eval.datasets import image_folder, write_picture
+from blurnoise_eval.datasets import image_folder, sample, write_picture
 from blurnoise_eval.detectors.contract import INPUT_VALUES, Contract
 from blurnoise_eval.detectors.contract_files import contract_document, contract_option, preset
 from blurnoise_eval.detectors.detector import Detector
@@ -228,6 +230,17 @@ def test_one_line_a_sweep_for_models_with_the_same_doubt(tmp_path, reds, capsys,
     assert text.startswith("first: doubtful contract: values may be wrong")
     assert text.endswith("The same fields of second")
     assert max(map(len, lines)) <= 80
+
+
+PHOTOS = Path(__file__).parents[4] / "shared/real/photos"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not PHOTOS.is_dir(), reason="no photographs here")
+def test_a_network_that_fires_everywhere_is_no_rival_of_one_that_finds_hardly_anything():
+    """Signs in photographs without any: fed with values to 255 the network finds 250 in each, and many again."""
+    photographs = [(image, None) for _, image in sample(image_folder(PHOTOS), 8)]
+    assert compared(Detector(STOP_SIGN), photographs).doubts == ()
 
 
 # --- the filter of pictures that become smaller ---
