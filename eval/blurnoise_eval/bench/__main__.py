@@ -17,7 +17,7 @@ from blurnoise_eval.system.terminal import say, say_json
 if TYPE_CHECKING:
     from blurnoise_eval.bench.contest import Contest
 
-What = Literal["blur", "motion", "sweep", "augment", "laws"]
+What = Literal["blur", "motion", "glare", "denoise", "sweep", "augment", "laws"]
 
 
 def bench(
@@ -49,6 +49,8 @@ def bench(
 
       blur     straight motion blur; also Kornia and OpenCV
       motion   blur by camera shake, and by ego-motion on a road
+      glare    halos around lamps
+      denoise  noise reduction; also OpenCV and Kornia
       sweep    a sweep and plain onnxruntime
       augment  the augmentation, a training step, Kornia, and albumentations and nrtk if installed
       laws     what an augmentation must do, tried on all libraries of augmentations that are installed
@@ -66,13 +68,15 @@ def bench(
     folder = output or new_folder(f"bench-{what}")
 
     from blurnoise_eval import datasets
-    from blurnoise_eval.bench import contest, laws, motion, programs
+    from blurnoise_eval.bench import contest, denoise, glare, laws, motion, programs
     from blurnoise_eval.system.files import check_outputs
 
     check_outputs(folder, f"{what}.*")
     contests: dict[str, Any] = {
         "blur": motion.blur,
         "motion": motion.motion,
+        "glare": glare.glare,
+        "denoise": denoise.denoise,
         "augment": programs.augment,
     }
     if what == "sweep":

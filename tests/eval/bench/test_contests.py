@@ -8,7 +8,7 @@ from functools import partial
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.bench import contest, motion
+from blurnoise_eval.bench import contest, denoise, glare, motion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_models.detector import STOP_SIGN
 from commands import main
@@ -93,12 +93,48 @@ def test_ours_are_exact_and_others_are_not(monkeypatch):
     assert case.error(wrong) > 8
 
 
+def test_the_truth_of_halos_has_their_light_and_their_shape():
+    """1 / (2 pi ln 64 r^2) around a lamp in the middle, where neither end is near."""
+    light = np.zeros((241, 261, 1))
+    light[120, 130] = 1.0
+    seen = glare.by_kernel(light, 400)[..., 0]
+    assert seen.sum() == pytest.approx(1, abs=glare.HALO_SHARE * 0.02)  # 1.5 % of a halo lies beyond 400 px
+    mirrored = seen[120, 148] - seen[120, 168]  # 18 and 38 px: what is mirrored is nearly even, and cancels
+    expected = glare.HALO_SHARE / (2 * np.pi * np.log(64)) * (18**-2 - 38**-2)
+    assert mirrored == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.slow  # the kernel has 1537 x 1537 px
+def test_our_halos_are_exact_and_others_are_not():
+    case = glare.lamps((60, 80))
+    assert case.error is not None
+    ours, _, pyramid, _ = case.contenders
+    assert case.error(ours.call()) < 0.01
+    assert case.error(pyramid.call()) > 10
+
+
+def test_noise_reduction_is_exact_and_others_are_not():
+    """To what rounding to 8 bits alone is off, 1 / sqrt(12) DN; a bright pixel keeps the share of its own weight."""
+    spot = np.full((9, 9), 100.0)
+    spot[4, 4] = 130.0
+    near = 4 * sum(math.exp(-distance2 / 4.5) for distance2 in (1, 2, 4)) * math.exp(-(30**2) / 800)
+    assert denoise.truth(spot, 20.0)[4, 4] == pytest.approx(100 + 30 / (1 + near))
+    case = denoise.noisy(80)
+    assert case.error is not None
+    errors = {each.name: case.error(each.call()) for each in case.contenders}
+    assert errors["blurnoise"] < 0.30
+    assert errors["cv2.bilateralFilter, 8 bits"] > 0.5
+    assert errors["Kornia, bilateral_blur"] > 0.5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "options", "shown"),
     [
         ("blur", [], "Kornia, nearest odd length"),
         ("motion", [], "cv2.filter2D by the path"),
+        ("glare", [], "pyramid of averages"),
+        ("denoise", [], "Kornia, bilateral_blur"),
         ("augment", [], "RandomExposure, p = 0.5"),
         ("sweep", ["--model", str(STOP_SIGN)], "bare onnxruntime"),
     ],
