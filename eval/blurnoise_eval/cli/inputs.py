@@ -52,9 +52,12 @@ def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | N
 def about_lux(named: str | None, camera: Camera) -> str | None:
     """A line on how lux are calibrated, for a camera of the user's own file."""
     from blurnoise.camera import PRESETS
-    from blurnoise_eval.calibration.light import lux_text
 
-    return None if named in (None, *PRESETS) else lux_text(camera)
+    if named in (None, *PRESETS):
+        return None
+    from blurnoise_eval.calibration.light import lux_text  # takes 0.6 s
+
+    return lux_text(camera)
 
 
 def detector(model: Path | None, contract: str | None) -> Detector:

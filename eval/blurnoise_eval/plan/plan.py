@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -167,7 +167,7 @@ class SweepPlan(ExposureSettings):
         """Whether there is a pulsed lamp."""
         return self.lamps is not None and self.lamps.pwm is not None
 
-    @property
+    @cached_property
     def cells_per_picture(self) -> int:
         """How many cells each picture has, that of the original picture included."""
         return 1 + self.repeats * len(self.conditions())

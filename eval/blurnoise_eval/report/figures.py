@@ -33,6 +33,7 @@ from blurnoise_eval.report.run import RunData
 MAX_PANELS, MAX_COLUMNS = 12, 4
 _BAR, _BAR_STEP = 0.05, 0.045  # of the first window below zero, and from bar to bar
 _LETTERS_PER_INCH = 12  # of a caption
+_LINE_IN = 0.15  # height of a line of 9 points
 _TICKS = (0, 0.2, 0.4, 0.6, 0.8, 1.0)
 Panel = tuple[int, int, tuple[int, ...]]  # model, group, places on the axes that have panels
 
@@ -74,6 +75,12 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
     shown, of_lines = spread(every, MAX_LINES), tested[view["lines"]]
     colours = {place: of_lines["colours"][place] for place in shown}
     style = "o" if not view["joined"] else "-" if data.manifest.get("predicted") else "o-"
+    lowest = -0.03
+    if view["along"] == EXPOSURES:
+        lowest = -0.07 - _BAR_STEP * len(colours)
+    # Once, for all panels share it.
+    grid[0].set_ylim(lowest, 1.03 * numbers["measures"][0]["most"])
+    grid[0].set_yticks(_TICKS)
     for key, axes in zip(keys, grid, strict=True):
         for place, colour in colours.items():
             line = sorted(panels[key].get(place, ()), key=itemgetter(0))
@@ -101,10 +108,29 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
     if view["along"] == EXPOSURES:
         handles.append(Patch(color="0.5", alpha=0.2, label="works at every speed"))
     reading = wrap(view["reading"], width)
-    figure.supxlabel("\n".join([view["title"], *notes, *reading]), fontsize=9)
+    caption, across = [view["title"], *notes, *reading], 3 if len(keys) == 1 else 6
+    figure.supxlabel("\n".join(caption), fontsize=9)
     figure.supylabel(f"{numbers['measures'][0]['name']} (dashed: the criterion)", fontsize=9)
-    legend_above(figure, handles, title, 3 if len(keys) == 1 else 6)
+    legend_above(figure, handles, title, across)
+    _make_room(figure, (-(-len(keys) // columns), columns), cell[1], len(caption), -(-len(handles) // across))
     return figure
+
+
+def _make_room(
+    figure: Figure, panels: tuple[int, int], panel_in: float, caption_lines: int, legend_rows: int
+) -> None:
+    """Set height and margins, in inches, by the lines of text. A constrained layout draws all panels twice more to
+    measure these, which takes longer than to draw the figure."""
+    (rows, columns), width = panels, float(figure.get_size_inches()[0])
+    gap = 0.38 + _LINE_IN * (1 + max(axes.get_title().count("\n") for axes in figure.axes))
+    above, below = gap + 0.18 * legend_rows, 0.4 + _LINE_IN * caption_lines
+    height = above + below + rows * panel_in - gap
+    figure.set_layout_engine(None)
+    figure.set_figheight(height)
+    wide, high = (width - 0.85 + 0.2) / columns - 0.2, panel_in - gap
+    figure.subplots_adjust(
+        0.7 / width, below / height, 1 - 0.15 / width, 1 - above / height, 0.2 / wide, gap / high
+    )
 
 
 def _draw_line(axes: Axes, line: Sequence[Any], style: str, colour: str, label: str, *, bands: bool) -> None:
@@ -130,8 +156,6 @@ def _chosen(every: Sequence[Panel]) -> tuple[list[Panel], int]:
 def _frame(axes: Axes, view: Row, numbers: Row, title: str) -> None:
     """Title, scales and level of one panel."""
     tidy(axes, title=title)
-    axes.set_ylim(-0.03, 1.03 * numbers["measures"][0]["most"])
-    axes.set_yticks(_TICKS)
     axes.axhline(numbers["threshold"], color="0.25", lw=0.9, ls=(0, (4, 3)), zorder=1)
     low, high = view["range"]
     if view["scale"] == "log":
@@ -161,7 +185,6 @@ def _draw_windows(axes: Axes, numbers: Row, key: Panel, colours: dict[int, str])
                     axes.plot(_ends_ms(ends, numbers["axes"][EXPOSURES]["x"]), [y, y], color=colour, lw=1)
         if chosen_s is not None:
             axes.plot(1e3 * chosen_s, y, "|", color="black", ms=6, mew=1.3)
-    axes.set_ylim(bottom=-0.07 - _BAR_STEP * len(colours))
 
 
 def _ends_ms(ends_s: Sequence[float | None], tested_ms: Sequence[float]) -> list[float]:

@@ -19,8 +19,10 @@ class FirstAnswer:
 
     def after(self, plan: SweepPlan, cells: int) -> None:
         """When so many further cells of a plan are done."""
+        if not self._waits:
+            return
         self._cells += cells
-        if self._waits and (lines := so_far(self._store, plan, self._model)):
+        if lines := so_far(self._store, plan, self._model):
             self._waits = False
             say(*lines, error=True)
         self._waits &= self._cells < _PICTURES * plan.cells_per_picture
