@@ -123,7 +123,7 @@ def _make_room(
     measure these, which takes longer than to draw the figure."""
     (rows, columns), width = panels, float(figure.get_size_inches()[0])
     gap = 0.38 + _LINE_IN * (1 + max(axes.get_title().count("\n") for axes in figure.axes))
-    above, below = gap + 0.18 * legend_rows, 0.4 + _LINE_IN * caption_lines
+    above, below = gap + 0.05 + 0.18 * legend_rows, 0.4 + _LINE_IN * caption_lines
     height = above + below + rows * panel_in - gap
     figure.set_layout_engine(None)
     figure.set_figheight(height)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import combinations
 
 import pytest
 from blurnoise_eval.report import charts, figures
@@ -92,3 +93,29 @@ def test_panels_name_their_lights_and_the_caption_says_what_goes_with_them(tmp_p
     caption = " ".join(figure.get_supxlabel().split())
     assert "street: 1 lux, led-4000, low beam; lit-street: 20 lux, led-4000, low beam." in caption
     assert "1 lux;" not in _drawn(data, "exposure").get_supxlabel()  # there is nothing besides
+
+
+@pytest.mark.parametrize("models", [("m",), ("one", "another")])
+@pytest.mark.parametrize("lights_lux", [(10.0,), (1.0, 20.0, 400.0, 20000.0)])
+def test_margins_have_room_for_every_text(tmp_path, models, lights_lux):
+    data = made_run(tmp_path, lights_lux=lights_lux, models=models, n_examples=0)
+    lights = [
+        {"name": f"road {lux:g}", "lux": lux, "illuminant": "led-4000", "headlamp": "low"}
+        for lux in lights_lux
+    ]
+    named = replace(data, manifest=data.manifest | {"plan": {"light": lights}})
+    for word in ("exposure", "speed"):
+        figure = _drawn(named, word)
+        figure.draw_without_rendering()
+        legend, caption, label = (
+            text.get_window_extent() for text in (figure.legends[0], figure._supxlabel, figure._supylabel)
+        )
+        panels = {axes: axes.get_tightbbox() for axes in figure.axes if axes.get_title()}
+        for panel in panels.values():
+            assert caption.y1 <= panel.y0 < panel.y1 <= legend.y0
+            assert label.x1 <= panel.x0 < panel.x1 <= figure.bbox.x1
+        for (one, of_one), (other, of_other) in combinations(panels.items(), 2):
+            if one.get_position().y0 > other.get_position().y1:
+                assert of_one.y0 >= of_other.y1
+        assert caption.y0 >= 0
+        assert legend.y1 <= figure.bbox.y1
