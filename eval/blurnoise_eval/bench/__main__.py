@@ -17,7 +17,9 @@ from blurnoise_eval.system.terminal import say, say_json
 if TYPE_CHECKING:
     from blurnoise_eval.bench.contest import Contest
 
-What = Literal["blur", "motion", "glare", "denoise", "sweep", "augment", "laws"]
+What = Literal["blur", "motion", "glare", "denoise", "sweep", "parts", "augment", "laws"]
+
+_OF_DETECTORS = ("sweep", "parts")
 
 
 def bench(
@@ -25,11 +27,11 @@ def bench(
     *,
     model: Annotated[
         Path | None,
-        Option(metavar="M.onnx", help="detector for sweep (default: the built-in detector)"),
+        Option(metavar="M.onnx", help="detector for sweep and parts (default: the built-in detector)"),
     ] = None,
     contract: Contract = None,
     images: Annotated[
-        Path | None, Option(metavar="DIR", help="pictures for sweep (default: rendered signs)")
+        Path | None, Option(metavar="DIR", help="pictures for sweep and parts (default: rendered signs)")
     ] = None,
     threads: Threads = None,
     output: Annotated[
@@ -52,6 +54,7 @@ def bench(
       glare    halos around lamps
       denoise  noise reduction; also OpenCV and Kornia
       sweep    a sweep and plain onnxruntime
+      parts    where the CPU time of a sweep's cell goes
       augment  the augmentation, a training step, Kornia, and albumentations and nrtk if installed
       laws     what an augmentation must do, tried on all libraries of augmentations that are installed
 
@@ -59,16 +62,16 @@ def bench(
       python -m blurnoise_eval.bench sweep --model m.onnx    your own network
 
     DIR/WHAT.png is a chart of time and error; down and left is better. DIR/WHAT.csv has a row per method and case.
-    For laws, there is no chart.
+    For parts and laws, there is no chart.
     """  # fmt: skip
     for name, value in (("model", model), ("contract", contract), ("images", images)):
-        if value is not None and what != "sweep":
-            raise ValueError(f"{name}: is for 'sweep' only")
+        if value is not None and what not in _OF_DETECTORS:
+            raise ValueError(f"{name}: is for 'sweep' and 'parts' only")
     workers = inputs.threads(threads)
     folder = output or new_folder(f"bench-{what}")
 
     from blurnoise_eval import datasets
-    from blurnoise_eval.bench import contest, denoise, glare, laws, motion, programs
+    from blurnoise_eval.bench import contest, denoise, glare, laws, motion, parts, programs
     from blurnoise_eval.system.files import check_outputs
 
     check_outputs(folder, f"{what}.*")
@@ -79,13 +82,15 @@ def bench(
         "denoise": denoise.denoise,
         "augment": programs.augment,
     }
-    if what == "sweep":
+    result: contest.Result | laws.LawTable | parts.PartsTable
+    if what in _OF_DETECTORS:
         pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=20)
         detector = inputs.detector(model, contract)
         contests["sweep"] = partial(programs.sweep, detector, pictures, workers)
-    result: contest.Result | laws.LawTable
     if what == "laws":
         result = laws.run()
+    elif what == "parts":
+        result = parts.parts(detector, pictures, quick=quick)
     else:
         chosen: Contest = contests[what](quick=quick)
         with ProgressBar("bench", len(chosen.cases)) as advance:
@@ -96,7 +101,8 @@ def bench(
         say_json(result.document())
         return
     say(*result.table())
-    say(f"table: {folder / 'laws.csv'}" if what == "laws" else f"chart: {folder / f'{what}.png'}")
+    charted = what in contests
+    say(f"chart: {folder / f'{what}.png'}" if charted else f"table: {folder / f'{what}.csv'}")
 
 
 if __name__ == "__main__":

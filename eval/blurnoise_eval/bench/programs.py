@@ -36,18 +36,27 @@ def sweep(detector: Detector, pictures: datasets.PictureSet, threads: int, *, qu
 
     The sweep reads, simulates with the default camera, infers, decodes, scores and stores.
     """
-    axes = {
-        "exposure_s": _EXPOSURES_S[::5] if quick else _EXPOSURES_S,
-        "illuminance_lux": (1.0, 10.0, 100.0),
-        "velocity_x_px_s": (0.0, 200.0, 500.0, 1000.0),
-    }
-    plan = SweepPlan(axes, examples=False)
+    plan = sweep_plan(quick=quick)
     some = datasets.PictureSet(pictures.kind, pictures.source, pictures.pictures[:20])
     return Contest(
         "sweep", f"A sweep of {detector.name}",
         [partial(_cells, detector, some, plan, threads)],
         unit="ms per cell", seconds=10.0,
     )  # fmt: skip
+
+
+def sweep_plan(*, quick: bool) -> SweepPlan:
+    """The conditions of the benches of a sweep: ten exposures, three lights, four speeds; two exposures of them.
+
+    >>> len(sweep_plan(quick=True).conditions())
+    24
+    """
+    axes = {
+        "exposure_s": _EXPOSURES_S[::5] if quick else _EXPOSURES_S,
+        "illuminance_lux": (1.0, 10.0, 100.0),
+        "velocity_x_px_s": (0.0, 200.0, 500.0, 1000.0),
+    }
+    return SweepPlan(axes, examples=False)
 
 
 def _cells(detector: Detector, pictures: datasets.PictureSet, plan: SweepPlan, threads: int) -> Case:
