@@ -17,7 +17,7 @@ from blurnoise_eval.system.terminal import say, say_json
 if TYPE_CHECKING:
     from blurnoise_eval.bench.contest import Contest
 
-What = Literal["blur", "motion", "glare", "denoise", "sweep", "parts", "augment", "laws"]
+What = Literal["blur", "motion", "glare", "denoise", "sweep", "parts", "scale", "augment", "laws"]
 
 _OF_DETECTORS = ("sweep", "parts")
 
@@ -55,6 +55,7 @@ def bench(
       denoise  noise reduction; also OpenCV and Kornia
       sweep    a sweep and plain onnxruntime
       parts    where the CPU time of a sweep's cell goes
+      scale    store and report of a run, by its number of cells
       augment  the augmentation, a training step, Kornia, and albumentations and nrtk if installed
       laws     what an augmentation must do, tried on all libraries of augmentations that are installed
 
@@ -62,7 +63,7 @@ def bench(
       python -m blurnoise_eval.bench sweep --model m.onnx    your own network
 
     DIR/WHAT.png is a chart of time and error; down and left is better. DIR/WHAT.csv has a row per method and case.
-    For parts and laws, there is no chart.
+    For parts, scale and laws, there is no chart.
     """  # fmt: skip
     for name, value in (("model", model), ("contract", contract), ("images", images)):
         if value is not None and what not in _OF_DETECTORS:
@@ -71,7 +72,7 @@ def bench(
     folder = output or new_folder(f"bench-{what}")
 
     from blurnoise_eval import datasets
-    from blurnoise_eval.bench import contest, denoise, glare, laws, motion, parts, programs
+    from blurnoise_eval.bench import contest, denoise, glare, laws, motion, parts, programs, scale
     from blurnoise_eval.system.files import check_outputs
 
     check_outputs(folder, f"{what}.*")
@@ -82,7 +83,7 @@ def bench(
         "denoise": denoise.denoise,
         "augment": programs.augment,
     }
-    result: contest.Result | laws.LawTable | parts.PartsTable
+    result: contest.Result | laws.LawTable | parts.PartsTable | scale.SizeTable
     if what in _OF_DETECTORS:
         pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=20)
         detector = inputs.detector(model, contract)
@@ -91,6 +92,9 @@ def bench(
         result = laws.run()
     elif what == "parts":
         result = parts.parts(detector, pictures, quick=quick)
+    elif what == "scale":
+        with ProgressBar("bench", len(scale.copies(quick=quick))) as advance:
+            result = scale.scale(quick=quick, progress=advance)
     else:
         chosen: Contest = contests[what](quick=quick)
         with ProgressBar("bench", len(chosen.cases)) as advance:
