@@ -14,12 +14,10 @@ from dataclasses import dataclass, replace
 from blurnoise_eval.program.stepping import Division, period_us
 from blurnoise_eval.system.terminal import paragraph
 
-LANGUAGES = ("python", "json", "shell")
-
 
 @dataclass(frozen=True)
 class Driver:
-    """A driver's words. language: of ``words``, of :data:`LANGUAGES`. version: that the words were written for.
+    """A driver's words, in Python, JSON or a shell's language. version: that the words were written for.
 
     words: with {us}, {hundred_us} and {mode} in the place of the cap in whole us, in whole 100 us, and of libcamera's
     exposure mode; {flicker} and {banding} in that of libcamera's and DepthAI's flicker avoidance. about: what to know
@@ -30,7 +28,6 @@ class Driver:
 
     name: str
     version: str
-    language: str
     words: str
     about: str
     source: str
@@ -134,13 +131,13 @@ camera.set_controls({"AeFlickerMode": manual, "AeFlickerPeriod": {period_us}})""
 
 DRIVERS = {
     "picamera2": Driver(
-        "picamera2", "0.3.38", "python", _PICAMERA2,
+        "picamera2", "0.3.38", _PICAMERA2,
         "no control caps the auto exposure; an exposure mode of the tuning file does",
         "raspberrypi/picamera2, picamera2.py, and its thread 634",
         most_digital=4.0, avoids_flicker=True,
     ),
     "libcamera": Driver(
-        "libcamera", "0.7.1 of Raspberry Pi", "json", '{"exposure_modes": {"custom": {mode}}}',
+        "libcamera", "0.7.1 of Raspberry Pi", '{"exposure_modes": {"custom": {mode}}}',
         "in rpi.agc, in each channel, of a copy of the sensor's tuning file; --exposure custom, and --flicker-period "
         "10000us against lamps at 50 Hz, 8333us at 60 Hz; more than 4 times the sensor's own gain takes a "
         "max_digital_gain beside it",
@@ -148,7 +145,7 @@ DRIVERS = {
         most_digital=4.0, avoids_flicker=True,
     ),
     "v4l2": Driver(
-        "V4L2 (uvcvideo)", "Linux 6", "shell",
+        "V4L2 (uvcvideo)", "Linux 6",
         "v4l2-ctl --set-ctrl=auto_exposure=1\nv4l2-ctl --set-ctrl=exposure_time_absolute={hundred_us}",
         "UVC has no cap for auto exposure: this fixes the time, in 100 us; in more light a loop of your own has to "
         "shorten it. auto_exposure=3 with exposure_dynamic_framerate=0 caps the time at that of a frame",
@@ -156,7 +153,7 @@ DRIVERS = {
         fixes_time=True,
     ),
     "realsense": Driver(
-        "librealsense", "2.59.1", "python",
+        "librealsense", "2.59.1",
         "sensor.set_option(rs.option.auto_exposure_limit, {us})",
         "us; of the stereo module, where supports() says so; before streaming starts; turns the limit on itself",
         "IntelRealSense/librealsense, include/librealsense2/h/rs_option.h, RS2_OPTION_AUTO_EXPOSURE_LIMIT; 1 to "
@@ -165,7 +162,7 @@ DRIVERS = {
         most_gain=248 / 16,
     ),
     "depthai": Driver(
-        "DepthAI", "3.12.0", "python",
+        "DepthAI", "3.12.0",
         "camera.initialControl.setAutoExposureLimit({us})\n"
         "banding = depthai.CameraControl.AntiBandingMode.{banding}\n"
         "camera.initialControl.setAntiBandingMode(banding)",
@@ -175,7 +172,7 @@ DRIVERS = {
         most_gain=16.0, avoids_flicker=True,
     ),
     "spinnaker": Driver(
-        "Spinnaker (PySpin)", "of Blackfly S; the version was not looked up", "python",
+        "Spinnaker (PySpin)", "of Blackfly S; the version was not looked up",
         "camera.ExposureAuto.SetValue(PySpin.ExposureAuto_Continuous)\n"
         "camera.GainAuto.SetValue(PySpin.GainAuto_Continuous)\n"
         "gain_last = PySpin.AutoExposureControlPriority_Gain\n"
@@ -186,7 +183,7 @@ DRIVERS = {
         "nodes AutoExposureExposureTimeUpperLimit and AutoExposureControlPriority of Spinnaker's Camera.h",
     ),
     "pylon": Driver(
-        "pylon (pypylon)", "26.9", "python",
+        "pylon (pypylon)", "26.9",
         "camera.AutoExposureTimeUpperLimit.Value = {us}\ncamera.ExposureAuto.Value = 'Continuous'\n"
         "camera.GainAuto.Value = 'Continuous'\ncamera.AutoFunctionProfile.Value = 'MinimizeGain'",
         "us; GigE cameras before SFNC 2 call it AutoExposureTimeAbsUpperLimit and the profile GainMinimum; without "
