@@ -29,6 +29,7 @@ from blurnoise.scene.take import EIGHT_BIT, take_each
 from blurnoise_eval.calibration.frames import Floats
 from blurnoise_eval.calibration.headers import refuse
 from blurnoise_eval.calibration.listing import table_reader, with_points
+from blurnoise_eval.calibration.sharpened_edge import sharpening_of
 from blurnoise_eval.calibration.to_camera import Known, changed
 from blurnoise_eval.datasets import decode, eight_bit
 from blurnoise_eval.datasets.exif import exif_exposure
@@ -43,6 +44,7 @@ NOISE_OFF, SPECTRUM_OFF = 0.15, 0.25
 ROUNDING_DN = 12**-0.5
 MOST_PX, BLOCK_PX = 512, 32
 _FIT_PX = 160  # side of the frames that are simulated
+_EDGE = "edge"  # name of a picture of a slanted edge, at the lowest gain
 _LIST, _SUFFIXES = "frames.csv", (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _DARKEST, _BRIGHTEST = 16.0, 235.0  # mean values between which noise does not clip
 _ALIKE = 0.05  # relative difference of the brightness of frames of one gain
@@ -118,12 +120,19 @@ def measure_developed(folder: Path, camera: Camera) -> Developed:
     if saved and saved.subsampling:
         known["jpeg_subsampling"] = (saved.subsampling, source)
     steps = changed(camera.with_figures(noise_reduction=(), sharpening=()), known)
-    gains = tuple(_at_gain(folder, gain_db, paths, plain, steps) for gain_db, paths in sorted(groups.items()))
+    edge = next(iter(sorted(folder.glob(f"{_EDGE}.*"))), None)
+    by_edge = _sharpening_of(edge, plain, steps) if edge else None
+    gains = tuple(
+        _at_gain(folder, gain_db, paths, plain, steps, by_edge) for gain_db, paths in sorted(groups.items())
+    )
     count = sum(map(len, groups.values()))
     source = f"measured: noise of {count} developed flat frames in {folder.name}{note}; assumed: "
     known["noise_reduction"] = (tuple(at.noise_reduction for at in gains), f"{source}a bilateral filter")
     sharp = any(at.sharpening.strength for at in gains)
-    known["sharpening"] = (tuple(at.sharpening for at in gains) if sharp else (), f"{source}an unsharp mask")
+    if by_edge:
+        source = f"measured: the edge {edge.name if edge else ''} in {folder.name}; assumed: "
+    rows = (by_edge,) if by_edge else tuple(at.sharpening for at in gains)
+    known["sharpening"] = (rows if sharp else (), f"{source}an unsharp mask")
     doubts = [
         f"{at.text}; another filter, or another camera than {camera.name}?"
         for at in gains
@@ -161,8 +170,22 @@ def noise_of(pictures: Sequence[Picture]) -> Noise:
     )
 
 
-def _at_gain(folder: Path, gain_db: float, paths: Sequence[Path], plain: Camera, camera: Camera) -> AtGain:
-    """plain: the camera without steps on numbers of 8 bits; camera: with those that are known."""
+def _sharpening_of(edge: Path, plain: Camera, camera: Camera) -> Sharpening:
+    try:
+        return sharpening_of(eight_bit(decode(edge)), camera, 0.0, lambda level: _lux_of(plain, 0.0, level))
+    except ValueError as error:
+        raise ValueError(f"{edge}: {error}") from None
+
+
+def _at_gain(
+    folder: Path,
+    gain_db: float,
+    paths: Sequence[Path],
+    plain: Camera,
+    camera: Camera,
+    by_edge: Sharpening | None = None,
+) -> AtGain:
+    """plain: the camera without steps on numbers of 8 bits; camera: with those that are known. by_edge: or None."""
     pictures = [_central(path) for path in paths]
     means = np.array([float(_luma(picture).mean()) for picture in pictures])
     at = f"{folder}: frames at {gain_db:g} dB"
@@ -183,7 +206,7 @@ def _at_gain(folder: Path, gain_db: float, paths: Sequence[Path], plain: Camera,
 
     def steps_of(scaled: Floats) -> tuple[NoiseReduction, Sharpening]:
         *reduction, sharp = np.clip(np.round(scaled * unit, 2), least, most).tolist()
-        return NoiseReduction(gain_db, *reduction), Sharpening(gain_db, sharp)
+        return NoiseReduction(gain_db, *reduction), by_edge or Sharpening(gain_db, sharp)
 
     def off(scaled: Floats) -> float:
         steps = steps_of(scaled)
@@ -237,7 +260,8 @@ def _groups(folder: Path) -> tuple[dict[float, list[Path]], str]:
     listed = list(_listed(folder / _LIST)) if (folder / _LIST).is_file() else []
     note = ""
     if not (folder / _LIST).is_file():
-        isos = {p: exif_exposure(p).iso for p in sorted(folder.iterdir()) if p.suffix.lower() in _SUFFIXES}
+        pictures = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in _SUFFIXES and p.stem != _EDGE]
+        isos = {path: exif_exposure(path).iso for path in pictures}
         missing = [path.name for path, iso in isos.items() if not iso > 0]
         must = f"add it to EXIF or to {_LIST} (file, gain_db)"
         refuse(missing, f"{folder / (missing or [''])[0]}: ISO is missing; {must}")

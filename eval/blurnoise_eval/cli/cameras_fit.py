@@ -121,6 +121,7 @@ def cameras_fit(
 
     For --developed, take pictures of an even grey surface as the camera delivers them, some seconds apart. All of one
     gain have the same light and exposure. The gains come from ISO in EXIF or from frames.csv (file, gain_db).
+    For the sharpening, add edge.png: a part of such a picture that one slanted edge crosses.
     """
     from blurnoise._core import checks
     from blurnoise.camera import PRESETS
