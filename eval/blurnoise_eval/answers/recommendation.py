@@ -104,7 +104,8 @@ class Averages:
     pictures of equal weight. most: (N,) greatest possible values. of_grid: (E,) exposures that are not
     between those of the grid. monotone: whether more speed can only hurt. untested_gain: of a search, from some
     conditions and an exposure to what another may gain at most over it that was not tested there; None where all
-    were.
+    were. bracketed: of a search, with what is known without being measured; exposures for several conditions are
+    chosen from it.
     """
 
     model: str
@@ -121,6 +122,7 @@ class Averages:
     of_grid: NDArray[np.bool_]
     monotone: bool = True
     untested_gain: Callable[[Sequence[Setting], Sequence[Velocity], float], float | None] | None = None
+    bracketed: Averages | None = None
 
     @property
     def speeds(self) -> list[float]:
@@ -137,6 +139,9 @@ class Averages:
         alike.
         """
         places = list(range(len(self.settings)) if conditions is None else conditions)
+        if self.bracketed is not None and len(places) > 1:
+            known = replace(self.bracketed, untested_gain=self.untested_gain)
+            return known.choose(places)
         every, mean, share = self.line(places)
         tested = np.flatnonzero(np.isfinite(mean))
         if not len(tested):
@@ -343,7 +348,7 @@ def recommendations(of: Averages) -> list[RecommendationRow]:
     whole = of.choose()
     common = np.full(len(of.settings), np.nan)
     if whole is not None:
-        common = of.value[:, of.exposures_s.index(whole.exposure_s)].copy()
+        common = (of.bracketed or of).value[:, of.exposures_s.index(whole.exposure_s)].copy()
         common[whole.conditions] -= whole.bias
 
     def rows(scopes: Iterable[Scope]) -> list[RecommendationRow]:
@@ -402,7 +407,7 @@ def _nested(by_speed: Sequence[RecommendationRow]) -> list[RecommendationRow]:
 
 def average_curve(of: Averages) -> AverageCurve:
     """The mean over all conditions at the exposures that were tested in all."""
-    value = of.value.mean(axis=0)
+    value = (of.bracketed or of).value.mean(axis=0)
     tested = np.flatnonzero(np.isfinite(value))
     exposures = np.array(of.exposures_s)[tested]
     return AverageCurve(of.model, tuple(exposures.tolist()), tuple(value[tested].tolist()))

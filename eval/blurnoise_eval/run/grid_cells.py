@@ -75,13 +75,6 @@ class Cells:
         return len(self.settings), len(self.exposures_s)
 
     @cached_property
-    def slower(self) -> Flags:
-        """(N, N), where line m moves as line n does, only slower, or rests; none where motion may also help."""
-        both = list(zip(self.settings, self.velocities_px_s, strict=True))
-        flags = [[self.monotone and a == b and _slower(v, w) for b, w in both] for a, v in both]
-        return np.array(flags, bool)
-
-    @cached_property
     def lights(self) -> Places:
         """(N,) a number for each light, and whatever else but the speed."""
         others = [place for place, name in enumerate(SETTING) if name != EGO.name]
@@ -119,12 +112,6 @@ def _between(exposures_s: Sequence[float]) -> Iterator[float]:
     for low, high in pairwise(exposures_s):
         parts = math.ceil(math.log2(high / low) / WIDE - 0.1)
         yield from (float(f"{low * (high / low) ** (k / parts):.3g}") for k in range(1, parts))
-
-
-def _slower(one: Velocity, other: Velocity) -> bool:
-    """Whether the other velocity is one's, only slower, or rest."""
-    (x, y), (u, v) = one, other
-    return math.hypot(u, v) < math.hypot(x, y) and math.isclose(x * v, y * u) and x * u + y * v >= 0
 
 
 def _places(rows: Sequence[Mapping[str, float]], exposures_s: Sequence[float]) -> Array:

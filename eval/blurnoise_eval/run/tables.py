@@ -81,7 +81,7 @@ def tables_of(
         cells = Cells.of(setup.plan, setup.camera, known)
         of_models = outlooks(cells, setup.camera, averages, known)
         averages = [
-            replace(of, untested_gain=outlook.untested_gain)
+            replace(of, untested_gain=outlook.untested_gain, bracketed=outlook.bracketed)
             for of, outlook in zip(averages, of_models, strict=True)
         ]
     withheld = [

@@ -1,5 +1,7 @@
 """What a search may still gain, and which cell it measures next, of lines and scores that are made up."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from blurnoise_eval.answers.recommendation import Averages
@@ -37,7 +39,7 @@ def outlook(cells, value, saturated=0.0, ceiling=1.0):
 
 
 NO = np.nan
-ONE_LINE = cells_of([setting()], speeds=(0.0,))
+ONE_LINE = cells_of([setting()], speeds=(400.0,))
 
 
 def test_beside_the_best_exposure_is_measured_whatever_the_surface_says():
@@ -53,34 +55,53 @@ def test_what_reaches_the_score_on_the_original_pictures_is_not_improved_on():
 
 def test_more_motion_can_only_hurt():
     """At rest one exposure keeps as little as that of the faster line: there is nothing to gain at it."""
-    at_rest, fast = [0.1, 0.5, 0.1, 0.1, 0.1], [NO, 0.48, NO, 0.1, 0.1]
+    at_rest, fast = [0.1, 0.5, 0.1, 0.1, 0.1], [0.1, 0.48, NO, 0.1, 0.1]
     both = cells_of([setting()], speeds=(0.0, 800.0))
     assert most_promising([outlook(both, [at_rest, fast])], 5) == []
     apart = cells_of([setting()], speeds=(0.0, 800.0), monotone=False)
-    assert (1, 2) in most_promising([outlook(apart, [at_rest, fast])], 5)
+    assert most_promising([outlook(apart, [at_rest, fast])], 5) == [(1, 2)]
 
 
-@pytest.mark.parametrize(
-    ("velocities", "slower"),
-    [
-        (((0.0, 0.0), (300.0, 400.0), (600.0, 800.0)), [[0, 0, 0], [1, 0, 0], [1, 1, 0]]),
-        (((300.0, 0.0), (0.0, 600.0), (-900.0, 0.0)), [[0, 0, 0], [0, 0, 0], [0, 0, 0]]),
-    ],
-)
-def test_slower_is_of_one_direction_or_rest(velocities, slower):
-    cells = Cells((setting(),) * 3, velocities, EXPOSURES_S, np.ones(5, bool), np.zeros((3, 5, 2)))
-    assert cells.slower.astype(int).tolist() == slower
+def searched_to_its_end(cells, value, truth, batch=15):
+    """The values that are known after a search, of these at first; and how many cells each batch had."""
+    known, batches = np.array(value, float), []
+    while asked := most_promising([outlook(cells, known, ceiling=0.9)], batch):
+        batches.append(asked)
+        for cell in asked:
+            known[cell] = truth[cell]
+    return known, batches
 
 
 def test_an_exposure_for_all_speeds_is_measured_at_each():
-    """Each line has its own best; no exposure has all three yet."""
-    value = [[NO, NO, NO, 0.9, NO], [NO, 0.88, NO, NO, NO], [0.9, NO, NO, NO, NO]]
-    seen = outlook(cells_of([setting()]), value, ceiling=0.9)
-    asked = most_promising([seen], 15)
-    known = np.isfinite(value)
-    for cell in asked:
-        known[cell] = True
-    assert known.all(axis=0).any()
+    """Each line has its own best; no exposure has all three at first."""
+    truth = np.array([[0.5, 0.8, 0.85, 0.9, 0.9], [0.45, 0.7, 0.6, 0.4, 0.2], [0.4, 0.3, 0.2, 0.1, 0.0]])
+    value = np.where(np.eye(3, 5)[::-1] > 0, truth, NO)
+    known, _ = searched_to_its_end(cells_of([setting()]), value, truth)
+    assert np.isfinite(known).all(axis=0).any()
+    assert np.isfinite(known).sum() < known.size
+
+
+def test_a_batch_has_one_cell_of_a_line():
+    """What is to be measured next of a line depends on what is found there."""
+    truth = np.array([[0.5, 0.8, 0.85, 0.9, 0.9], [0.45, 0.7, 0.6, 0.4, 0.2], [0.4, 0.3, 0.2, 0.1, 0.0]])
+    value = np.where(np.eye(3, 5)[::-1] > 0, truth, NO)
+    _, batches = searched_to_its_end(cells_of([setting()]), value, truth)
+    assert len(batches) > 1
+    assert all(len({n for n, _ in batch}) == len(batch) for batch in batches)
+
+
+def test_between_two_speeds_that_score_alike_nothing_is_measured_for_all():
+    """At 400 px/s the best exposure of all speeds scores between 0.90 and 0.89; its own best is another one."""
+    cells = cells_of([setting()])
+    value = [[0.2, 0.9, 0.9, 0.9, 0.9], [0.2, NO, 0.9, 0.2, 0.1], [0.2, 0.89, 0.3, 0.1, 0.0]]
+    seen = outlook(cells, value, ceiling=0.9)
+    assert most_promising([seen], 5) == []
+    assert seen.bracketed.value[1, 1] == pytest.approx(0.895)
+    assert seen.bracketed.sigma[1, 1] == pytest.approx(0.005)
+    chosen = replace(seen.measured, bracketed=seen.bracketed).choose()
+    assert chosen.exposure_s == EXPOSURES_S[1]
+    apart = [[0.2, 0.9, 0.9, 0.9, 0.9], [0.2, NO, 0.9, 0.2, 0.1], [0.2, 0.8, 0.3, 0.1, 0.0]]
+    assert (1, 1) in most_promising([outlook(cells, apart, ceiling=0.9)], 5)
 
 
 def test_a_shorter_exposure_that_saturates_says_that_longer_ones_do():
@@ -92,10 +113,12 @@ def test_a_shorter_exposure_that_saturates_says_that_longer_ones_do():
 
 def test_the_better_gain_at_each_exposure_is_what_counts():
     """At 0 dB nothing is seen; at 24 dB the best exposure is known, and its neighbours are measured there alone."""
-    both = cells_of([setting(gain_db=0.0), setting(gain_db=24.0)], speeds=(0.0,))
-    asked = most_promising([outlook(both, [[0.0, 0.0, 0.0, 0.0, 0.0], [0.1, NO, 0.6, NO, 0.1]])], 2)
-    assert {n for n, _ in asked} == {1}
-    assert {e for _, e in asked} == {1, 3}
+    both = cells_of([setting(gain_db=0.0), setting(gain_db=24.0)], speeds=(400.0,))
+    dark, seen = [0.0, 0.0, 0.0, 0.0, 0.0], [0.1, NO, 0.6, NO, 0.1]
+    (first,) = most_promising([outlook(both, [dark, seen])], 2)
+    seen[first[1]] = 0.5
+    (second,) = most_promising([outlook(both, [dark, seen])], 2)
+    assert {first, second} == {(1, 1), (1, 3)}
 
 
 def untested_gain(cells, value, place, ceiling):
