@@ -217,7 +217,7 @@ class Straight(Response):
 
     def packed(self, lengths: tuple[int, int], kind: np.dtype[Any]) -> Sequence[Plane]:
         x, y = self.displacement_px[0].tolist()
-        return [(row_factors if 1 in lengths else _factors)((x, y), self.optics, lengths, kind)]
+        return [(row_factors if 1 in lengths else _plane_factors)((x, y), self.optics, lengths, kind)]
 
     def at(self, lengths: tuple[int, int], image: Tensor) -> Sequence[Tensor]:
         moved = self.displacement_px
@@ -258,6 +258,7 @@ def _factors(
 
 row_factors = lru_cache(maxsize=256)(_factors)
 """The same, cached for sweeps that move many pictures alike along an axis; read only."""
+_plane_factors = lru_cache(maxsize=1)(_factors)  # for the next picture of a batch that moves alike
 
 
 def motion_response(motion_px: tuple[float, float], lengths: tuple[int, int], kind: np.dtype[Any]) -> Plane:

@@ -24,6 +24,7 @@ from blurnoise.light.capture import checked_mask
 from blurnoise.light.resolved import BeamLight
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import anchored, mean_luma
+from blurnoise.sensor.readout import most
 
 _FIELDS = 2  # noise fields that a scene keeps: those of shot and read noise
 
@@ -139,13 +140,13 @@ def _noise_field(plane: Tensor, seed: int, stream: str, planes: int) -> Tensor:
 
 def _range_lux(beam: str, behind: Tensor, layers: Sequence[Layer]) -> tuple[float, float, float]:
     """The least, the most and the RMS of headlamps' light on a picture, that on its layers included, lux."""
-    least, most = extremes(behind)
+    least, highest = extremes(behind)
     squares = float(behind.detach().double().square().sum())
     for layer in layers:
         low, high = extremes(layer.headlamp_lux[beam])
-        least, most = min(least, low), max(most, high)
+        least, highest = min(least, low), max(highest, high)
         squares += float((layer.headlamp_lux[beam] * layer.alpha).detach().double().square().sum())
-    return least, most, min(most, math.sqrt(squares / behind.numel()))
+    return least, highest, min(highest, math.sqrt(squares / behind.numel()))
 
 
 def brightest(light: Tensor, layers: Sequence[Sequence[Layer]]) -> list[float]:
@@ -156,7 +157,7 @@ def brightest(light: Tensor, layers: Sequence[Sequence[Layer]]) -> list[float]:
     """
     every = layers or ((),) * len(light)
     return [
-        max(1.0, extremes(picture)[1], *(float(layer.light.detach().amax()) for layer in some))
+        max(1.0, most(picture), *(float(layer.light.detach().amax()) for layer in some))
         for picture, some in zip(light, every, strict=True)
     ]
 

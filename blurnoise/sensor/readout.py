@@ -215,12 +215,16 @@ def _draws_read_noise(at: ReadoutFields, light: Tensor, known: bool) -> bool:
     if at.law != "merged":
         return at.law != "none" and at.camera.sensor.read_noise_e > 0
     full_e = stages.nearly_full_e(at.camera)
-    brightest = _most(light) * (1.0 if at.gain is None else _most(at.gain))
-    return math.isfinite(full_e) and not (known and _most(at.white_e) * brightest + _most(at.dark_e) < full_e)
+    brightest = most(light) * (1.0 if at.gain is None else most(at.gain))
+    return math.isfinite(full_e) and not (known and most(at.white_e) * brightest + most(at.dark_e) < full_e)
 
 
-def _most(field: Tensor) -> float:
-    """The largest value; NumPy's extremes wake no threads."""
+def most(field: Tensor) -> float:
+    """The largest value, NaN if one is; NumPy's extremes wake no threads.
+
+    >>> most(torch.tensor([0.25, 0.5]))
+    0.5
+    """
     return float(field.numpy().max() if plain(field) else field.detach().max())
 
 
