@@ -98,12 +98,25 @@ def tones_8bit(camera: Camera, gain_db: float = 0.0, illuminant: str | Curve = "
     >>> len(tones), tones[[95, 1095, 4095]].tolist()
     (4096, [0, 137, 255])
     """
-    pointwise = tuple(step for step in steps.active(camera) if step.pointwise)
-    return _table(Development(camera, gain_db, "srgb", illuminant), pointwise, torch.uint8)
+    return _table(Development(camera, gain_db, "srgb", illuminant), _pointwise(camera), torch.uint8)
+
+
+def tones_of(camera: Camera, gain_db: float, illuminant: str | Curve, encoding: Encoding) -> Tensor:
+    """What :func:`develop` makes of every digital number by the pointwise steps, float32 on the CPU.
+
+    >>> tones = tones_of(Camera.preset("imx250").with_figures(black_level_dn=95.0), 0.0, "D55", "linear")
+    >>> tones[[95, 1095, 4095]].tolist()
+    [0.0, 0.25, 1.0]
+    """
+    return _table(Development(camera, gain_db, encoding, illuminant), _pointwise(camera), torch.float32)
+
+
+def _pointwise(camera: Camera) -> tuple[PictureStep, ...]:
+    return tuple(step for step in steps.active(camera) if step.pointwise)
 
 
 def tabulated(camera: Camera) -> bool:
-    """Whether :func:`tones_8bit` is all of :func:`develop_8bit`.
+    """Whether :func:`tones_8bit` is all of :func:`develop_8bit`, and :func:`tones_of` of :func:`develop`.
 
     >>> tabulated(Camera.preset("imx250")), tabulated(Camera.preset("imx250c"))  # a mosaic needs its neighbours
     (True, False)

@@ -9,7 +9,7 @@ exposure, which read the same electrons.
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Literal, cast
@@ -27,7 +27,7 @@ from blurnoise.camera import Camera, radiometry
 from blurnoise.camera.colour import Encoding
 from blurnoise.light import effects
 from blurnoise.light.resolved import Resolved
-from blurnoise.picture.develop import develop, develop_8bit, in_channels, tabulated, tones_8bit
+from blurnoise.picture.develop import develop, develop_8bit, in_channels, tabulated, tones_8bit, tones_of
 from blurnoise.picture.fusion import captures_of, readers
 from blurnoise.picture.steps import magnification
 from blurnoise.scene.captures import captures_of_exposure
@@ -224,14 +224,21 @@ def _taken(
         elif options.quantised and scene.light.device.type == "cpu":
             kind = torch.uint16  # nobody but development reads them, which is faster with integers
 
+    captures = list(captures_of_exposure(scene, exposure, batch))
+    if options.wanted == ("picture",) and not later and options.quantised and _of_codes(scene, captures):
+        kind = torch.uint16
+        if tabulated(reader):
+            tones = tones_of(reader, digital_db, exposure.illuminant, options.encoding)
+            kind = tones.dtype
+
     raw = [
-        _capture(scene, at, seeds, options, tolerance_dn, tones, kind, shared)
-        for at, seeds in captures_of_exposure(scene, exposure, batch)
+        _capture(scene, at, seeds, options, tolerance_dn, tones, kind, shared) for at, seeds in captures
     ]
 
     channels = scene.light.shape[1]
     if tones is not None:
-        return Frames(exposure, eight_bit=in_channels(raw[0], channels))
+        seen = in_channels(raw[0], channels)
+        return Frames(exposure, eight_bit=seen) if kind == torch.uint8 else Frames(exposure, picture=seen)
     lit_by: dict[str, Any] = {"illuminant": exposure.illuminant, "gain_db": digital_db}
     dn = raw[0]
     if later:  # fused in electrons of the first capture, of which those of white become 1 at any gain
@@ -281,7 +288,7 @@ def _capture(
     planes = radiometry.planes(at.camera, light.shape[1])
     out = light.new_empty((batch, planes, *scene.size), dtype=kind) if len(alike) > 1 else None
     for key, (plan, items) in alike.items():
-        indices = _run(items)
+        indices = run_of(items)
         # Lens and motion.
         if shared is None:
             lit = _through(scene, light, at, plan, items)
@@ -321,21 +328,33 @@ def _capture(
     return cast(Tensor, out)
 
 
-def _run(items: list[int]) -> slice | list[int]:
-    """Indices as a slice, which makes no copy, if they follow each other."""
+def run_of(items: list[int]) -> slice | list[int]:
+    """Indices as a slice, which makes no copy, if they follow each other.
+
+    >>> run_of([3, 4]), run_of([3, 5])
+    (slice(3, 5, None), [3, 5])
+    """
     return slice(items[0], items[-1] + 1) if items[-1] - items[0] < len(items) else items
 
 
 def _through(scene: Scene, light: Tensor, at: Resolved[Tensor], plan: Plan, items: list[int]) -> Tensor:
     """Light of some frames behind the lens, after all motion, without what the plan omits."""
     some = at if len(items) == len(light) else at.part(items)
-    return effects.through(light[_run(items)], plan.reduced(some), border=scene.border, without=plan.without)
+    return effects.through(light[run_of(items)], plan.reduced(some), border=scene.border, without=plan.without)
 
 
 def _owned(on_pixels: Tensor, light: Tensor) -> bool:
     """Whether light on the pixels is stored apart from the scene's, and can be overwritten."""
     apart = on_pixels.untyped_storage().data_ptr() != light.untyped_storage().data_ptr()
     return apart and on_pixels.is_contiguous()
+
+
+def _of_codes(scene: Scene, captures: Sequence[tuple[Resolved[Tensor], list[int]]]) -> bool:
+    """Whether the scene's pictures can be developed from integers, which is faster: none carries gradients."""
+    planes = [scene.light, *scene.headlamp_lux.values()]
+    planes += [] if scene.lamp_mask is None else [scene.lamp_mask]
+    learns = differentiable(*planes) or any(_differentiable(scene.light, at) for at, _ in captures)
+    return scene.light.device.type == "cpu" and scene.light.dtype == torch.float32 and not learns
 
 
 def _differentiable(light: Tensor, at: Resolved[Tensor]) -> bool:

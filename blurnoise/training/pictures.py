@@ -19,7 +19,7 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise._core.beams import BeamPlanes, checked_planes
 from blurnoise._core.checks import image_batch, one_of, shown
-from blurnoise._core.threads import same_bits
+from blurnoise._core.threads import differentiable, same_bits
 from blurnoise.camera.colour import PictureTone
 from blurnoise.motion.ego import USUAL_VEHICLE
 from blurnoise.picture.develop import in_channels
@@ -27,7 +27,7 @@ from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import AutoExposure, anchored, mean_luma
 from blurnoise.scene.scene import Scene, extremes, scene_reflectance
-from blurnoise.scene.take import TakeOptions, take
+from blurnoise.scene.take import TakeOptions, run_of, take
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.training.source import Lights
 
@@ -87,7 +87,18 @@ def expose_pictures(
     for one in exposures:
         if one.headlamp != "off" and one.headlamp not in planes:
             raise ValueError(f"headlamp = {one.headlamp!r}: needs headlamp_lux[{one.headlamp!r}]")
-    exposures = _metered(exposures, lambda: _reflectance(scene.detach(), encoding, grey_anchor), planes)
+    known = list[Tensor]()  # light of all pictures, once an auto-exposure needed it
+
+    def reflectance(of: Any) -> Tensor:
+        return known[0][of] if known else _reflectance(scene[of], encoding, grey_anchor)
+
+    def metered_light() -> Tensor:
+        light = _reflectance(scene.detach(), encoding, grey_anchor)
+        if not differentiable(scene):
+            known.append(light)
+        return light
+
+    exposures = _metered(exposures, metered_light, planes)
     lit_by_lamp = None
     if lamp_lights == "targets" and masks is not None and masks.shape[1]:
         lit_by_lamp = masks.amax(1).float()
@@ -101,19 +112,19 @@ def expose_pictures(
             continue
         matte = matte_of(masks[item])
         if matte is not None:
-            light = _reflectance(scene[item : item + 1], encoding, grey_anchor)
+            light = reflectance(slice(item, item + 1))
             of_targets = scene.new_tensor(one.velocity_px_s if one.moves == "targets" else (0.0, 0.0))
             lit = {beam: plane[item : item + 1] for beam, plane in planes.items() if beam == one.headlamp}
             cuts[item] = in_motion(light, matte, of_targets, one.exposure_s, lit)
 
     def taken_together(items: list[int]) -> Tensor:
         """Pictures of one camera, spectrum, beam, gain and vehicle, all cut or none."""
-        of: Any = slice(None) if len(items) == batch else items  # a slice makes no copy
+        of = run_of(items)
         cut = [cuts[item] for item in items if item in cuts]
         light = (
             torch.cat([each.background for each in cut])
             if cut
-            else _reflectance(scene[of], encoding, grey_anchor)
+            else reflectance(of)
         )
         beam = exposures[items[0]].headlamp
         lit = {} if beam == "off" else {beam: planes[beam][of]}
@@ -139,7 +150,7 @@ def expose_pictures(
         return parts[0].contiguous(memory_format=_memory_format(image))
     out = torch.empty_like(image, memory_format=_memory_format(image))
     for items, part in zip(groups.values(), parts, strict=True):
-        out[items] = part
+        out[run_of(items)] = part
     return out
 
 
