@@ -231,9 +231,7 @@ def _taken(
             tones = tones_of(reader, digital_db, exposure.illuminant, options.encoding)
             kind = tones.dtype
 
-    raw = [
-        _capture(scene, at, seeds, options, tolerance_dn, tones, kind, shared) for at, seeds in captures
-    ]
+    raw = [_capture(scene, at, seeds, options, tolerance_dn, tones, kind, shared) for at, seeds in captures]
 
     channels = scene.light.shape[1]
     if tones is not None:
@@ -340,7 +338,9 @@ def run_of(items: list[int]) -> slice | list[int]:
 def _through(scene: Scene, light: Tensor, at: Resolved[Tensor], plan: Plan, items: list[int]) -> Tensor:
     """Light of some frames behind the lens, after all motion, without what the plan omits."""
     some = at if len(items) == len(light) else at.part(items)
-    return effects.through(light[run_of(items)], plan.reduced(some), border=scene.border, without=plan.without)
+    return effects.through(
+        light[run_of(items)], plan.reduced(some), border=scene.border, without=plan.without
+    )
 
 
 def _owned(on_pixels: Tensor, light: Tensor) -> bool:

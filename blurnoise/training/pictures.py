@@ -121,11 +121,7 @@ def expose_pictures(
         """Pictures of one camera, spectrum, beam, gain and vehicle, all cut or none."""
         of = run_of(items)
         cut = [cuts[item] for item in items if item in cuts]
-        light = (
-            torch.cat([each.background for each in cut])
-            if cut
-            else reflectance(of)
-        )
+        light = torch.cat([each.background for each in cut]) if cut else reflectance(of)
         beam = exposures[items[0]].headlamp
         lit = {} if beam == "off" else {beam: planes[beam][of]}
         if lit and cut:

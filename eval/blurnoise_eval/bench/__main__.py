@@ -17,7 +17,10 @@ from blurnoise_eval.system.terminal import say, say_json
 if TYPE_CHECKING:
     from blurnoise_eval.bench.contest import Contest
 
-What = Literal["blur", "motion", "glare", "denoise", "sweep", "parts", "scale", "augment", "laws"]
+What = Literal[
+    "blur", "motion", "glare", "denoise", "sweep", "parts", "scale",
+    "chain", "augment", "lengths", "loaders", "laws",
+]  # fmt: skip
 
 _OF_DETECTORS = ("sweep", "parts")
 
@@ -32,6 +35,10 @@ def bench(
     contract: Contract = None,
     images: Annotated[
         Path | None, Option(metavar="DIR", help="pictures for sweep and parts (default: rendered signs)")
+    ] = None,
+    peers: Annotated[
+        Path | None,
+        Option(metavar="DIR", help="for lengths: folder of other packages, of 'pip install --target'"),
     ] = None,
     threads: Threads = None,
     output: Annotated[
@@ -56,7 +63,10 @@ def bench(
       sweep    a sweep and plain onnxruntime
       parts    where the CPU time of a sweep's cell goes
       scale    store and report of a run, by its number of cells
+      chain    simulate beside as many random numbers
       augment  the augmentation, a training step, Kornia, and albumentations and nrtk if installed
+      lengths  the augmentations over the length of their blur; also AlbumentationsX of --peers
+      loaders  the augmentations in a DataLoader with workers
       laws     what an augmentation must do, tried on all libraries of augmentations that are installed
 
       python -m blurnoise_eval.bench motion --quick          half a minute
@@ -68,11 +78,24 @@ def bench(
     for name, value in (("model", model), ("contract", contract), ("images", images)):
         if value is not None and what not in _OF_DETECTORS:
             raise ValueError(f"{name}: is for 'sweep' and 'parts' only")
+    if peers is not None and what != "lengths":
+        raise ValueError("peers: is for 'lengths' only")
     workers = inputs.threads(threads)
     folder = output or new_folder(f"bench-{what}")
 
     from blurnoise_eval import datasets
-    from blurnoise_eval.bench import contest, denoise, glare, laws, motion, parts, programs, scale
+    from blurnoise_eval.bench import (
+        augmentations,
+        chain,
+        contest,
+        denoise,
+        glare,
+        laws,
+        motion,
+        parts,
+        programs,
+        scale,
+    )
     from blurnoise_eval.system.files import check_outputs
 
     check_outputs(folder, f"{what}.*")
@@ -81,7 +104,10 @@ def bench(
         "motion": motion.motion,
         "glare": glare.glare,
         "denoise": denoise.denoise,
-        "augment": programs.augment,
+        "chain": chain.chain,
+        "augment": augmentations.augment,
+        "lengths": partial(augmentations.lengths, peers),
+        "loaders": augmentations.loaders,
     }
     result: contest.Result | laws.LawTable | parts.PartsTable | scale.SizeTable
     if what in _OF_DETECTORS:

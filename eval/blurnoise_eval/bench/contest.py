@@ -6,6 +6,7 @@ load meets them alike, and each result is compared with the case's truth.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from blurnoise_eval.plots.style import plain_numbers, small_multiples, tidy
+from blurnoise_eval.plots.style import legend_above, plain_numbers, small_multiples, tidy
 from blurnoise_eval.system.files import write_figure, write_records
 from blurnoise_eval.system.machine import hardware, limited_threads, versions
 from blurnoise_eval.system.terminal import table_lines
@@ -40,21 +41,24 @@ class Contender:
 class Case:
     """The same work for all contenders.
 
-    error: of a result, in the contest's unit; None without a truth. units: the time of a call is divided by it,
-    such as a number of pictures.
+    error: of a result, in the contest's unit; None without a truth, or of a contender that has none. units: the time
+    of a call is divided by it, such as a number of pictures. at: where the case stands ``along`` the contest; cases
+    of one name then share a panel.
     """
 
     name: str
     contenders: Sequence[Contender]
-    error: Callable[[Any], float] | None = None
+    error: Callable[[Any], float | None] | None = None
     units: float = 1.0
+    at: float | None = None
 
 
 @dataclass(frozen=True)
 class Contest:
     """What is compared: functions that make the cases, the title, and the units of time and error.
 
-    seconds: how long each contender of a case is timed; a tenth of it in a quick contest.
+    seconds: how long each contender of a case is timed; a tenth of it in a quick contest. along: what the cases
+    differ in; the chart then has time against it.
     """
 
     name: str
@@ -63,13 +67,15 @@ class Contest:
     unit: str = "ms"
     error_unit: str = ""
     seconds: float = 3.0
+    along: str = ""
 
 
 @dataclass(frozen=True)
 class ContestRow:
     """A contender in a case: the quartiles of its time, the median relative to that of the first one, its error.
 
-    cpu: median of the CPU time of all threads, which other processes disturb less; cpu_to_first, as to_first.
+    cpu: median of the CPU time of all threads and of worker processes that ended, which other processes disturb less;
+    cpu_to_first, as to_first. at: as in the case.
     """
 
     case: str
@@ -82,6 +88,7 @@ class ContestRow:
     cpu: float
     cpu_to_first: float
     error: float | None
+    at: float | None = None
 
 
 @dataclass(frozen=True)
@@ -108,7 +115,8 @@ class Result:
         heads = ("case", "method", self.contest.unit, "to first", "CPU", "to first", self.contest.error_unit)
         rows = [
             (
-                *(row.case, row.contender, digits(row.time), f"{row.to_first:.2f}"),
+                *(row.case if row.at is None else f"{row.case}, {row.at:g}", row.contender),
+                *(digits(row.time), f"{row.to_first:.2f}"),
                 *(digits(row.cpu), f"{row.cpu_to_first:.2f}", digits(row.error)),
             )
             for row in self.rows
@@ -116,15 +124,23 @@ class Result:
         return list(table_lines(heads, rows, (False, False, *[True] * 5)))
 
     def chart(self) -> Figure:
-        """A panel per case: time against error, both logarithmic; down and left is better. Without errors, time."""
+        """A panel per case: time against error, both logarithmic; down and left is better. Without errors, time.
+
+        Along something: a panel per name of cases, the time against it; down is better.
+        """
+        if self.contest.along:
+            return self._lines()
         names = list(dict.fromkeys(row.contender for row in self.rows))
         cases = {case: list(rows) for case, rows in groupby(self.rows, lambda row: row.case)}
         columns = min(3, len(cases) + 1)
         figure, (*panels, last) = small_multiples(len(cases) + 1, columns, (4.2, 3.4), (0.0, 0.6))
         for axes, (case, rows) in zip(panels, cases.items(), strict=True):
-            with_errors = rows[0].error is not None
+            with_errors = any(row.error is not None for row in rows)
             for row in rows:
                 number = names.index(row.contender)
+                if with_errors and row.error is None:
+                    axes.axvline(row.time, color=f"C{number}", lw=1.2, ls=":")
+                    continue
                 # A logarithmic axis has no 0.
                 place = -number if row.error is None else max(row.error, 1e-6)
                 axes.plot([row.low, row.high], [place, place], color=f"C{number}", lw=1.2, zorder=2)
@@ -141,11 +157,35 @@ class Result:
         last.set_axis_off()
         points = [last.plot([], [], ls="", label=name, **_look(n))[0] for n, name in enumerate(names)]
         last.legend(handles=points, loc="center", fontsize=8.5, frameon=False)
-        better = "left" if self.rows[0].error is None else "down and left"
+        better = "left" if all(row.error is None for row in self.rows) else "down and left"
         figure.suptitle(f"{self.contest.title}: {better} is better", fontsize=10)
+        self._say_where(figure)
+        return figure
+
+    def _lines(self) -> Figure:
+        names = list(dict.fromkeys(row.contender for row in self.rows))
+        panels = list(dict.fromkeys(row.case for row in self.rows))
+        figure, grid = small_multiples(len(panels), len(panels), (4.2, 3.4), (0.0, 1.2), sharey=True)
+        for axes, panel in zip(grid, panels, strict=True):
+            of_panel = [row for row in self.rows if row.case == panel]
+            for name in dict.fromkeys(row.contender for row in of_panel):
+                some = [row for row in of_panel if row.contender == name]
+                look = {**_look(names.index(name)), "lw": 2.0 if some[0].ours else 1.0, "ms": 5}
+                axes.plot([row.at or 0.0 for row in some], [row.cpu for row in some], label=name, **look)
+            axes.set(xscale="log", yscale="log")
+            axes.set_xticks(sorted({row.at for row in of_panel if row.at is not None}), minor=False)
+            plain_numbers(axes.xaxis)
+            plain_numbers(axes.yaxis, digits=(1, 2, 5))
+            tidy(axes, x=self.contest.along, y=f"CPU {self.contest.unit}")
+            axes.set_title(panel, fontsize=9.5, loc="left")
+        lines = [line for axes in grid for line in axes.lines]
+        legend_above(figure, lines, f"{self.contest.title}: down is better", columns=4)
+        self._say_where(figure)
+        return figure
+
+    def _say_where(self, figure: Figure) -> None:
         where = f"threads: {self.machine['threads']}, {self.machine['processor']}"
         figure.supxlabel(where, fontsize=8, color="0.45")
-        return figure
 
 
 def _look(number: int) -> dict[str, Any]:
@@ -158,9 +198,11 @@ def run(
     """Let all contenders do all cases; ``progress`` receives each finished share of a case."""
     machine = {**hardware(), "threads": threads, "versions": versions()}
     rows = list[ContestRow]()
-    with limited_threads(threads):
-        for make in contest.cases:
-            rows += _rows(make(), contest.seconds / (10 if quick else 1), progress)
+    for make in contest.cases:
+        with limited_threads(threads):
+            case = make()
+        with limited_threads(threads):  # again: packages that a case imports may change it
+            rows += _rows(case, contest.seconds / (10 if quick else 1), progress)
     return Result(contest, rows, machine)
 
 
@@ -176,7 +218,7 @@ def _rows(case: Case, seconds: float, progress: Progress) -> list[ContestRow]:
         error = None if case.error is None else case.error(results[each.name])
         (low, _), (time_ms, cpu_ms), (high, _) = (quartiles / case.units).tolist()
         times = low, time_ms, high, to_first, cpu_ms, cpu_to_first
-        rows.append(ContestRow(case.name, each.name, each.ours, *times, error))
+        rows.append(ContestRow(case.name, each.name, each.ours, *times, error, case.at))
     return rows
 
 
@@ -196,9 +238,15 @@ def in_turns_ms(
 
 
 def _time_ms(call: Callable[[], object]) -> tuple[float, float]:
-    started, cpu_s = time.perf_counter(), time.process_time()
+    started, cpu_s = time.perf_counter(), _cpu_s()
     call()
-    return 1e3 * (time.perf_counter() - started), 1e3 * (time.process_time() - cpu_s)
+    return 1e3 * (time.perf_counter() - started), 1e3 * (_cpu_s() - cpu_s)
+
+
+def _cpu_s() -> float:
+    """Of this process, and of its children that ended."""
+    of_all = os.times()
+    return time.process_time() + of_all.children_user + of_all.children_system
 
 
 def digits(value: float | None) -> str:

@@ -1,14 +1,17 @@
 """Contests: contenders timed in turns and held against a truth, tables and charts, and each contest's own truth."""
 
 import csv
+import importlib
 import json
 import math
+import subprocess
+import sys
 from functools import partial
 
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.bench import contest, denoise, glare, motion
+from blurnoise_eval.bench import augmentations, chain, contest, denoise, glare, motion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_models.detector import STOP_SIGN
 from commands import main
@@ -66,6 +69,53 @@ def test_table_json_and_chart_are_written(result, tmp_path):
     legend = figure.axes[2].get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["ours", "rival", "slow"]
+
+
+def test_time_is_drawn_along_what_cases_differ_in():
+    """CPU times of one case are a line over its places, and an error may be missing."""
+
+    def at(place):
+        ways = [Contender("ours", lambda: None, True), Contender("rival", lambda: None)]
+        return Case("a panel", ways, at=place)
+
+    made_up = Contest("made", "Made up", [partial(at, 3.0), partial(at, 9.0)], along="length, px")
+    rows = [
+        contest.ContestRow("a panel", name, name == "ours", 1.0, time, 9.0, 1.0, cpu, 1.0, None, place)
+        for place, name, time, cpu in ((3, "ours", 5.0, 2.0), (3, "rival", 5.0, 1.0), (9, "ours", 5.0, 4.0))
+    ]
+    result = contest.Result(made_up, rows, {"threads": 1, "processor": "one"})
+    (axes,) = result.chart().axes
+    lines = {str(line.get_label()): np.asarray(line.get_xydata()).tolist() for line in axes.lines}
+    assert lines == {"ours": [[3.0, 2.0], [9.0, 4.0]], "rival": [[3.0, 1.0]]}
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("length, px", "CPU ms")
+    assert "a panel, 9" in "".join(result.table())
+    assert [row.at for row in contest.run(made_up, quick=True).rows] == [3.0, 3.0, 9.0, 9.0]
+
+
+def test_cpu_time_has_that_of_processes_that_ended():
+    before = contest._cpu_s()
+    subprocess.run([sys.executable, "-c", "sum(range(10_000_000))"], check=True)
+    assert contest._cpu_s() - before > 0.05
+
+
+def test_the_chain_is_within_rounding_of_the_full_model():
+    """In single precision; a camera whose stages were left out would be off by more than 0.01 DN."""
+    case = chain.moved("some", (6.0, 2.0), (1, 3, 40, 56))
+    assert case.error is not None
+    errors = {each.name: case.error(each.call()) for each in case.contenders}
+    assert errors["torch.randn"] is None
+    assert errors["part: blur"] is None
+    assert 0 < errors["simulate, tolerance_dn = 0.1"] < 0.01
+
+
+def test_packages_of_a_folder_come_first_and_go_again(tmp_path):
+    """Another module called albumentations is imported, and the own one is back afterwards."""
+    own = sys.modules.get("albumentations")
+    (tmp_path / "albumentations.py").write_text("__version__ = '9.9.9'\n")
+    with augmentations._first_from(tmp_path):
+        assert importlib.import_module("albumentations").__version__ == "9.9.9"
+    assert sys.modules.get("albumentations") is own
+    assert str(tmp_path) not in sys.path
 
 
 def test_truth_of_straight_motion_is_sinc():
@@ -136,6 +186,9 @@ def test_noise_reduction_is_exact_and_others_are_not():
         ("glare", [], "pyramid of averages"),
         ("denoise", [], "Kornia, bilateral_blur"),
         ("augment", [], "RandomExposure, p = 0.5"),
+        ("chain", [], "part: normal numbers"),
+        ("lengths", [], "tensors, 3"),
+        ("loaders", [], "RandomExposure of tensors"),
         ("sweep", ["--model", str(STOP_SIGN)], "bare onnxruntime"),
     ],
 )
