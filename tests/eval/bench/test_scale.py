@@ -1,9 +1,11 @@
 """Runs of copies: as many rows as are asked for, each picture's own, which a report takes for a run's."""
 
+import pytest
 from blurnoise_eval import Run
 from blurnoise_eval.bench import scale
 
 
+@pytest.mark.slow
 def test_copies_are_a_run_with_twelve_detections_a_cell(tmp_path):
     cells = scale.made_run(tmp_path, 3, pictures=1)
     assert cells == 3 * 85
@@ -20,6 +22,7 @@ def test_copies_are_a_run_with_twelve_detections_a_cell(tmp_path):
     assert clean["false_positives_per_image"] < 3
 
 
+@pytest.mark.slow
 def test_sizes_have_bytes_time_memory_and_growth(monkeypatch):
     monkeypatch.setattr(scale, "_reported", lambda run, output: next(reported))
     reported = iter([(1.0, 2e8), (8.0, 4e8)])
