@@ -55,6 +55,7 @@ def test_other_arrays_are_refused(image, words):
         expose_numpy(image, EXPOSURE)
 
 
+@pytest.mark.slow
 def test_a_torchvision_of_another_build_is_named(tmp_path):
     """torchvision's wheel for CUDA beside torch's for the CPU."""
     (tmp_path / "torchvision.py").write_text('raise RuntimeError("operator torchvision::nms does not exist")')

@@ -12,6 +12,7 @@ from blurnoise.camera.colour import toned
 SHORT = ("--lux", "10", "--exposure-ms", "10", "--dx", "0", "--threads", "1")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["sweep", "decide"])
 @pytest.mark.parametrize(
     ("anchor", "clause"),
@@ -84,11 +85,13 @@ def stops_apart(tmp_path):
     return ("--images", str(tmp_path / "photos"), "-o", str(tmp_path / "run"), *SHORT)
 
 
+@pytest.mark.slow
 def test_a_sweep_says_by_how_much_its_photographs_differ(stops_apart, capsys):
     assert main(["sweep", *stops_apart]) == 0
     assert "(the pictures' light differs by 1.4 EV, SD)" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_anchored_photographs_do_not_differ(stops_apart, capsys):
     assert main(["sweep", *stops_apart, "--grey-anchor", "mean"]) == 0
     assert "EV" not in capsys.readouterr().out

@@ -86,6 +86,7 @@ def test_no_exposure_of_the_grid_keeps_much_more(searched):
     assert searched.setup.chosen <= 0.6 * GRID
 
 
+@pytest.mark.slow
 def test_nor_where_the_same_blur_in_px_is_not_the_same_picture(of_sheared):
     assert worst_loss(of_sheared, sheared) <= SETTLED
     assert of_sheared.setup.chosen <= 0.75 * GRID
@@ -96,6 +97,7 @@ def speckled(at):
     return 0.8 + 0.03 * np.sin(1e4 * (at["exposure_s"] + at["illuminance_lux"] + at["velocity_x_px_s"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [smooth, sheared, speckled])
 def test_a_small_grid_is_searched_to_its_end(detector, tmp_path, kept):
     """Exposures between those of the grid take no condition from it: one exposure is known for everything, and no
