@@ -229,6 +229,8 @@ def _say_captured(seen: Captured, of: str, image: Path, output: Path | None, as_
     for title, number in seen.numbers.items():
         flags = f"  [{', '.join(sorted(number.flags))}]" if number.flags else ""
         say(f"{title}: {estimate_text(number)}{flags}")
+        if "no_star" in number.flags:
+            say(f"{image}: no star fills the region; state it with --roi X,Y,WIDTH,HEIGHT", error=True)
     say(*([output / f"{of}.csv"] if output else []))
 
 

@@ -62,6 +62,18 @@ def test_a_rendered_star_that_is_blurred_has_the_gaussians_mtf50(tmp_path, capsy
     assert clipped["metrics"]["MTF50 of the star, cycles/px"]["flags"] == ["clipped"]
 
 
+def test_a_star_that_does_not_fill_the_region_asks_for_one(tmp_path, capsys):
+    """`chart`'s own, of 100 px in a picture of 320."""
+    path = str(tmp_path / "star.png")
+    assert main(["chart", "siemens-star", "-o", path]) == 0
+    assert main(["measure", path, "--of", "star"]) == 0
+    assert "state it with --roi X,Y,WIDTH,HEIGHT" in capsys.readouterr().err
+    assert main(["measure", path, "--of", "star", "--roi", "110,110,100,100"]) == 0
+    said = capsys.readouterr()
+    assert "--roi X" not in said.err
+    assert "MTF50 of the star, cycles/px: 0.6" in said.out
+
+
 def test_glare_is_the_trap_over_the_field_above_black(tmp_path, capsys):
     light = np.full((100, 160), 0.8)
     light[40:60, 70:90] = 0.02
